@@ -1,0 +1,1 @@
+"""The `mebo-grasp` command line."""

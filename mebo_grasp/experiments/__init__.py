@@ -1,0 +1,1 @@
+"""How we know: benchmarks, metrics and tables."""

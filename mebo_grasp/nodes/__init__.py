@@ -1,0 +1,1 @@
+"""The ROS 2 side: thin nodes that convert, call and reply."""

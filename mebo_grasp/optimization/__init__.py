@@ -1,0 +1,1 @@
+"""Where to try next: surrogate, acquisition, selection and the ask/tell optimizer; knows no ROS."""

@@ -1,0 +1,1 @@
+"""What a point is worth: acquisition functions and their maximizer."""

@@ -1,0 +1,1 @@
+"""Which points form a batch."""

@@ -1,0 +1,33 @@
+"""Installation of the mebo_grasp package, by pip or by colcon (ament_python)."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+PACKAGE = "mebo_grasp"
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    packages=find_packages(include=["mebo_grasp*", "msg_adapters*"], exclude=["mebo_grasp_interfaces*"]),
+    package_data={"mebo_grasp": ["py.typed", "grasping/hands/*"], "msg_adapters": ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+        (f"share/{PACKAGE}/params", glob("params/*.yaml")),
+    ],
+    python_requires=">=3.11",
+    zip_safe=False,
+    description="Diverse grasps of unknown objects by multisolution Bayesian optimization",
+    license="Apache-2.0",
+    maintainer="mebo_grasp maintainers",
+    maintainer_email="maintainers@mebo-grasp.example.org",
+    entry_points={
+        "console_scripts": [
+            "optimizer_node = mebo_grasp.nodes.optimizer_node:main",
+            "hand_node = mebo_grasp.nodes.hand_node:main",
+            "solution_set_node = mebo_grasp.nodes.solution_set_node:main",
+            "mebo-grasp = mebo_grasp.cli.main:main",
+        ],
+    },
+)
