@@ -1,0 +1,78 @@
+"""What every node needs to live: start, spin, stop, and callbacks that cannot kill the executor."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from functools import wraps
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+
+from mebo_grasp.errors import MeboGraspError
+
+EXIT_BAD_SETTINGS = 2
+
+
+def guarded(method: Callable[..., Any]) -> Callable[..., Any]:
+    """Wrap a subscription or timer callback of a node: what it raises is logged, and spinning goes on."""
+
+    @wraps(method)
+    def callback(node: Node, *args: Any) -> Any:
+        try:
+            return method(node, *args)
+        except MeboGraspError as error:
+            node.get_logger().warning(f"{method.__name__}: {error}")
+        except Exception as error:
+            # An exception that leaves a callback ends spin() and with it the node.
+            node.get_logger().error(f"{method.__name__}: unexpected {type(error).__name__}: {error}")
+        return None
+
+    return callback
+
+
+def guarded_service(internal_error: int) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Wrap a service callback: what it raises becomes a reply with the error code ``internal_error``."""
+
+    def decorate(method: Callable[..., Any]) -> Callable[..., Any]:
+        @wraps(method)
+        def callback(node: Node, request: Any, response: Any) -> Any:
+            try:
+                return method(node, request, response)
+            except Exception as error:
+                # Without an answer the client would wait for ever.
+                message = f"{type(error).__name__}: {error}"
+                node.get_logger().error(f"{method.__name__}: {message}")
+                response.error_code = internal_error
+                response.message = message
+                return response
+
+        return callback
+
+    return decorate
+
+
+def run_node(make_node: Callable[[], Node]) -> None:
+    """Run one node until it is told to stop; the body of every node's ``main``.
+
+    Ends with exit code 0 after SIGINT, SIGTERM or a shutdown of the context, and with
+    ``EXIT_BAD_SETTINGS`` and one clear line when the node refuses its parameters.
+    """
+    rclpy.init()
+    node: Node | None = None
+    try:
+        node = make_node()
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        executor.spin()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except MeboGraspError as error:
+        rclpy.logging.get_logger("mebo_grasp").fatal(str(error))
+        sys.exit(EXIT_BAD_SETTINGS)
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()

@@ -1,0 +1,102 @@
+"""The parameters of the three nodes; ``params/*.yaml`` shows the same, and a test compares them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mebo_grasp.errors import InvalidSettingsError
+from mebo_grasp.nodes.parameters import parameter
+
+
+@dataclass(frozen=True)
+class HandNodeSettings:
+    """Parameters of ``hand_node``."""
+
+    object: str = parameter("bottle", "target object: a built-in name or the path of a mesh file")
+    object_scale: float = parameter(
+        1.0, "factor from the mesh file's unit to metres (0.001 for millimetres)", least=1e-9, most=1e9
+    )
+    hand: str = parameter("icub_left", "hand: a built-in name or the path of a hand description (YAML)")
+    hand_namespace: str = parameter(
+        "", "prefix of this hand's own topics (candidate_pose, joint_states, …); empty for none"
+    )
+    friction: float = parameter(0.5, "coefficient of static friction", least=0.0, most=10.0)
+    cone_edges: int = parameter(8, "edges of the friction pyramid", least=3, most=64)
+    marker_rate: float = parameter(5.0, "most markers per second [Hz]; 0 for none", least=0.0, most=100.0)
+
+
+@dataclass(frozen=True)
+class OptimizerNodeSettings:
+    """Parameters of ``optimizer_node``."""
+
+    object: str = parameter("bottle", "target object: a built-in name or the path of a mesh file")
+    object_scale: float = parameter(
+        1.0, "factor from the mesh file's unit to metres (0.001 for millimetres)", least=1e-9, most=1e9
+    )
+    hand: str = parameter("icub_left", "hand: a built-in name or the path of a hand description (YAML)")
+    space: str = parameter("position", "search space: position (3-D, fixed orientation) or pose (6-D)")
+    lower_bounds: tuple[float, ...] = parameter(
+        (), "lower bounds of the search space [m, rad]; empty: derived from the object's box"
+    )
+    upper_bounds: tuple[float, ...] = parameter(
+        (), "upper bounds of the search space [m, rad]; empty: derived from the object's box"
+    )
+    method: str = parameter("mebo", "name of the optimization method")
+    seed: int = parameter(1, "seed of the random generator", least=0)
+    budget: int = parameter(250, "number of trials", least=1, most=1_000_000)
+    initial_points: int = parameter(25, "trials of the initial Latin hypercube", least=1, most=100_000)
+    batch_size: int = parameter(3, "trials chosen at once", least=1, most=1000)
+    ucb_beta: float = parameter(2.0, "weight of the standard deviation in UCB", least=0.0, most=100.0)
+    burn_in: int = parameter(
+        250, "Metropolis-Hastings steps discarded, per dimension", least=1, most=1_000_000
+    )
+    relearn_period: int = parameter(5, "iterations between two learnings of the hyperparameters", least=1)
+    num_solutions: int = parameter(0, "number of solutions wanted, for methods that use it; 0: free", least=0)
+    min_distance: float = parameter(
+        0.0, "least distance of two solutions in the search space's units; 0: free", least=0.0
+    )
+    hands: tuple[str, ...] = parameter(
+        ("",), "namespaces of the hands; a candidate goes to <hand>/candidate_pose"
+    )
+    trials_per_hand: int = parameter(2, "candidates in flight for each hand", least=1, most=100)
+    trial_timeout: float = parameter(5.0, "seconds until a silent hand's trial is given again", least=0.05)
+    max_attempts: int = parameter(5, "times a trial is given before it counts as failed", least=1, most=1000)
+    autostart: bool = parameter(True, "begin to explore at once, without the start service")
+    run_log: str = parameter("", "file that a killed run resumes from; empty: none")
+    listen_to_others: bool = parameter(True, "learn from trials that another optimizer asked for")
+
+    def __post_init__(self) -> None:
+        if self.initial_points > self.budget:
+            raise InvalidSettingsError(
+                f"initial_points is {self.initial_points} but budget is {self.budget}: "
+                "give a budget of at least the initial points"
+            )
+        if len(set(self.hands)) != len(self.hands) or not self.hands:
+            raise InvalidSettingsError(
+                f"hands must be one or more different namespaces, got {list(self.hands)}"
+            )
+        if len(self.lower_bounds) != len(self.upper_bounds):
+            raise InvalidSettingsError(
+                f"lower_bounds has {len(self.lower_bounds)} values and upper_bounds "
+                f"{len(self.upper_bounds)}: give both, or neither"
+            )
+
+
+@dataclass(frozen=True)
+class SolutionSetNodeSettings:
+    """Parameters of ``solution_set_node``."""
+
+    object: str = parameter("bottle", "target object: a built-in name or the path of a mesh file")
+    database: str = parameter(
+        "", "SQLite file of all trials; empty: <ROS home>/mebo_grasp/<object>.db"
+    )
+    size: int = parameter(4, "grasps kept in the solution set", least=1, most=10_000)
+    min_distance: float = parameter(
+        0.04, "least distance of two grasps of the set [m + weighted rad]", least=0.0
+    )
+    rotation_weight: float = parameter(
+        0.05, "metres that one radian of rotation counts in the distance of two grasps", least=0.0
+    )
+    publish_rate: float = parameter(
+        10.0, "most updates of solution_set and markers per second [Hz]", least=0.1, most=1000.0
+    )
