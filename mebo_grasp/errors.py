@@ -29,5 +29,21 @@ class ArchiveError(MeboGraspError):
     """The archive of trials cannot be opened, read or written."""
 
 
+class InvalidOcclusionError(MeboGraspError, ValueError):
+    """An occluding shape has a size that is not finite and positive, or an occlusion has no usable name."""
+
+
+class InvalidQueryError(MeboGraspError, ValueError):
+    """A request to the solution set holds a number that is out of range."""
+
+
+class InvalidMessageError(MeboGraspError, ValueError):
+    """A message holds a value that the receiver cannot use."""
+
+
+class WrongFrameError(InvalidMessageError):
+    """A message is given in another frame than the one expected; both are named."""
+
+
 class RunLogError(MeboGraspError):
     """The log of an optimization run cannot be read, or belongs to another run."""
