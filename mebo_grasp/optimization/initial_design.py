@@ -1,0 +1,56 @@
+"""Space-filling designs in the unit cube, from ``scipy.stats.qmc``."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import numpy as np
+from scipy.stats import qmc
+
+from mebo_grasp.errors import InvalidSettingsError
+from mebo_grasp.grasp import FloatArray
+
+
+def _engine(kind: Any, dim: int, rng: np.random.Generator, **options: Any) -> Any:
+    # scipy renamed the argument from seed to rng in 1.15; both releases are supported.
+    name = "rng" if "rng" in inspect.signature(kind).parameters else "seed"
+    return kind(d=dim, **{name: rng}, **options)
+
+
+def _check(n: int, dim: int) -> None:
+    if n < 0 or dim < 1:
+        raise InvalidSettingsError(f"a design needs n >= 0 points and dim >= 1, got n={n}, dim={dim}")
+
+
+def latin_hypercube(n: int, dim: int, rng: np.random.Generator) -> FloatArray:
+    """Draw a Latin hypercube design: in each dimension one point in each of n equal cells.
+
+    Returns:
+        Points in the unit cube, shape (n, dim).
+
+    Raises:
+        InvalidSettingsError: n is negative or dim below 1.
+    """
+    _check(n, dim)
+    if n == 0:
+        return np.empty((0, dim))
+    design: FloatArray = _engine(qmc.LatinHypercube, dim, rng).random(n)
+    return np.clip(design, 0.0, 1.0)
+
+
+def sobol(n: int, dim: int, rng: np.random.Generator) -> FloatArray:
+    """Draw the first n points of a scrambled Sobol sequence.
+
+    Returns:
+        Points in the unit cube, shape (n, dim).
+
+    Raises:
+        InvalidSettingsError: n is negative or dim below 1.
+    """
+    _check(n, dim)
+    if n == 0:
+        return np.empty((0, dim))
+    # Drawing a power of two keeps the balance properties (and scipy quiet); the surplus is cut off.
+    design: FloatArray = _engine(qmc.Sobol, dim, rng, scramble=True).random_base2(max(n - 1, 0).bit_length())
+    return design[:n]

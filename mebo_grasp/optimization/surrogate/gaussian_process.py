@@ -1,0 +1,285 @@
+"""Exact Gaussian-process regression with a zero mean on standardized values (thesis, section 3.2).
+
+Notation: U (n, d) observed points in the unit cube, y (n,) their values, z = (y - centre) / scale the
+standardized values, K (n, n) their covariance with the noise variance on the diagonal, L its lower
+Cholesky factor, weights = K⁻¹ z. Values that come out are in the units of y.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import blas, lapack
+
+from mebo_grasp.errors import InvalidSettingsError
+from mebo_grasp.grasp import FloatArray
+from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel
+
+_CHUNK = 512
+"""Rows predicted at once; keeps the covariances of n = 250 within the second-level cache."""
+
+_VARIANCE_FLOOR = 1e-12
+"""Smallest posterior variance as a share of the prior variance: rounding can take it below zero."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hyperparameters:
+    """What is learned from the data.
+
+    Args:
+        theta: the kernel's log parameters, shape (p,).
+        log_noise: log of the noise variance of standardized values.
+    """
+
+    theta: FloatArray
+    log_noise: float
+
+    @property
+    def vector(self) -> FloatArray:
+        """(theta, log_noise), shape (p + 1,)."""
+        return np.append(self.theta, self.log_noise)
+
+    @classmethod
+    def from_vector(cls, vector: FloatArray) -> Hyperparameters:
+        """Split (theta, log_noise), shape (p + 1,)."""
+        return cls(np.array(vector[:-1], dtype=np.float64), float(vector[-1]))
+
+    @classmethod
+    def default(cls, dim: int, kernel: Kernel = MATERN52) -> Hyperparameters:
+        """The prior's medians with a noise variance of 1e-4: what is believed before any value is known."""
+        return cls(kernel.prior(dim).mean.copy(), float(np.log(1e-4)))
+
+
+def standardize(y: FloatArray) -> tuple[FloatArray, float, float]:
+    """Return (z, centre, scale) with z = (y - centre) / scale; equal values get scale 1."""
+    centre = float(np.mean(y)) if len(y) else 0.0
+    spread = float(np.std(y)) if len(y) else 0.0
+    magnitude = float(np.max(np.abs(y))) if len(y) else 0.0
+    scale = spread if spread > 1e-14 * magnitude and spread > 0.0 else 1.0
+    return (y - centre) / scale, centre, scale
+
+
+def cholesky(K: FloatArray) -> FloatArray:
+    """Lower Cholesky factor, shape (n, n), Fortran order, upper part zero.
+
+    A matrix that rounding has made indefinite gets the smallest of a few growing jitters on its diagonal.
+
+    Raises:
+        InvalidSettingsError: the matrix is not finite or far from positive definite.
+    """
+    jitter = 0.0
+    scale = float(np.mean(np.diag(K)))
+    for _ in range(8):
+        L, info = lapack.dpotrf(K + jitter * np.eye(len(K)) if jitter else K, lower=1, clean=1)
+        if info == 0 and np.all(np.isfinite(np.diag(L))):
+            factor: FloatArray = L
+            return factor
+        jitter = scale * 1e-10 if jitter == 0.0 else jitter * 10.0
+    raise InvalidSettingsError(
+        f"the covariance of {len(K)} points is not positive definite; the hyperparameters are implausible"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class GaussianProcess:
+    """A fitted posterior; immutable. Build it with ``GaussianProcess.fit``."""
+
+    kernel: Kernel
+    hyperparameters: Hyperparameters
+    U: FloatArray
+    z: FloatArray
+    centre: float
+    scale: float
+    L: FloatArray
+    weights: FloatArray
+
+    @classmethod
+    def fit(
+        cls,
+        U: FloatArray,
+        y: FloatArray,
+        hyperparameters: Hyperparameters | None = None,
+        kernel: Kernel = MATERN52,
+    ) -> GaussianProcess:
+        """Condition on data; n = 0 gives the prior.
+
+        Args:
+            U: points in the unit cube, shape (n, d).
+            y: values, shape (n,).
+            hyperparameters: those of ``kernel``; default its prior medians.
+            kernel: covariance function.
+
+        Raises:
+            InvalidSettingsError: shapes contradict each other or a number is not finite.
+        """
+        U, y = np.array(U, dtype=np.float64), np.asarray(y, dtype=np.float64)
+        if U.ndim != 2 or y.shape != (len(U),) or not (np.all(np.isfinite(U)) and np.all(np.isfinite(y))):
+            raise InvalidSettingsError(f"need finite U (n, d) and y (n,), got shapes {U.shape} and {y.shape}")
+        hyper = hyperparameters or Hyperparameters.default(U.shape[1], kernel)
+        z, centre, scale = standardize(y)
+        if len(U) == 0:
+            return cls(kernel, hyper, U, z, centre, scale, np.empty((0, 0)), np.empty(0))
+        K = kernel.matrix(U, U, hyper.theta)
+        K.flat[:: len(K) + 1] += np.exp(hyper.log_noise)
+        L = cholesky(K)
+        weights, _ = lapack.dpotrs(L, z, lower=1)
+        return cls(kernel, hyper, U, z, centre, scale, L, weights)
+
+    @property
+    def n(self) -> int:
+        """Number of observations."""
+        return len(self.U)
+
+    @property
+    def dim(self) -> int:
+        """Number of dimensions."""
+        return int(self.U.shape[1])
+
+    @property
+    def y(self) -> FloatArray:
+        """Observed values, shape (n,)."""
+        return self.z * self.scale + self.centre
+
+    @property
+    def noise_sd(self) -> float:
+        """Standard deviation of the learned observation noise, units of y."""
+        return self.scale * float(np.exp(0.5 * self.hyperparameters.log_noise))
+
+    @cached_property
+    def _inverse_factor(self) -> FloatArray:
+        inverse, _ = lapack.dtrtri(self.L, lower=1)
+        result: FloatArray = inverse
+        return result
+
+    def predict(self, A: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Posterior mean and standard deviation of the noise-free function.
+
+        Args:
+            A: points in the unit cube, shape (m, d).
+
+        Returns:
+            (mean, sd), each shape (m,), units of y; sd is positive.
+        """
+        mean, sd = np.empty(len(A)), np.empty(len(A))
+        theta = self.hyperparameters.theta
+        for start in range(0, len(A), _CHUNK):
+            chunk = slice(start, start + _CHUNK)
+            prior = self.kernel.diagonal(A[chunk], theta)
+            if self.n == 0:
+                mean[chunk], sd[chunk] = 0.0, np.sqrt(prior)
+                continue
+            K = self.kernel.matrix(A[chunk], self.U, theta)
+            mean[chunk] = K @ self.weights
+            V = blas.dtrmm(1.0, self._inverse_factor, K.T, lower=1, overwrite_b=1)
+            explained = np.einsum("ij,ij->j", V, V)
+            sd[chunk] = np.sqrt(np.maximum(prior - explained, _VARIANCE_FLOOR * prior))
+        return mean * self.scale + self.centre, sd * self.scale
+
+    def predict_mean(self, A: FloatArray) -> FloatArray:
+        """Posterior mean at A, shape (m, d); much cheaper than ``predict``. Returns shape (m,)."""
+        if self.n == 0:
+            return np.full(len(A), self.centre)
+        K = self.kernel.matrix(np.asarray(A, dtype=np.float64), self.U, self.hyperparameters.theta)
+        mean: FloatArray = (K @ self.weights) * self.scale + self.centre
+        return mean
+
+    def mean_gradient(self, A: FloatArray) -> FloatArray:
+        """Gradient of the posterior mean at A, shape (m, d), units of y per side of the cube."""
+        if self.n == 0:
+            return np.zeros_like(A)
+        W = np.broadcast_to(self.weights, (len(A), self.n))
+        gradient = self.kernel.input_gradient(A, self.U, self.hyperparameters.theta, np.ascontiguousarray(W))
+        return gradient * self.scale
+
+    def predict_with_gradients(self, A: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Posterior mean and standard deviation with their gradients.
+
+        Args:
+            A: points in the unit cube, shape (m, d).
+
+        Returns:
+            (mean (m,), sd (m,), d mean (m, d), d sd (m, d)), units of y (per side of the cube).
+        """
+        mean, sd = self.predict(A)
+        if self.n == 0:
+            return mean, sd, np.zeros_like(A), np.zeros_like(A)
+        theta = self.hyperparameters.theta
+        K = self.kernel.matrix(A, self.U, theta)
+        solved, _ = lapack.dpotrs(self.L, K.T, lower=1)
+        # The prior variance is constant for all kernels here, so only the explained part varies.
+        d_variance = -2.0 * self.kernel.input_gradient(A, self.U, theta, np.ascontiguousarray(solved.T))
+        d_sd = d_variance * (self.scale**2 / (2.0 * sd))[:, None]
+        return mean, sd, self.mean_gradient(A), d_sd
+
+    def condition_on(self, A: FloatArray, values: FloatArray) -> GaussianProcess:
+        """Return the posterior with further points A, shape (m, d), and values, shape (m,), units of y.
+
+        Hyperparameters and standardization stay; meant for points whose value is assumed ("believer").
+        """
+        U = np.concatenate([self.U, A])
+        z = np.concatenate([self.z, (np.asarray(values) - self.centre) / self.scale])
+        K = self.kernel.matrix(U, U, self.hyperparameters.theta)
+        K.flat[:: len(K) + 1] += np.exp(self.hyperparameters.log_noise)
+        L = cholesky(K)
+        weights, _ = lapack.dpotrs(L, z, lower=1)
+        return replace(self, U=U, z=z, L=L, weights=weights)
+
+    def sample_path(self, rng: np.random.Generator, n_features: int = 1024) -> Callable[[FloatArray], FloatArray]:
+        """Draw one function from the posterior.
+
+        A prior draw by spectral features is corrected by the kernel to pass through the data (Wilson et
+        al. 2020, "Efficiently sampling functions from Gaussian process posteriors"), which keeps the
+        posterior exact at the observations whatever the number of features.
+
+        Returns:
+            A function from points (m, d) to values (m,), units of y.
+        """
+        theta = self.hyperparameters.theta
+        features = self.kernel.sample_features(self.dim, theta, n_features, rng)
+        feature_weights = rng.standard_normal(n_features)
+        noise = np.exp(0.5 * self.hyperparameters.log_noise) * rng.standard_normal(self.n)
+        if self.n:
+            residual = self.z - features(self.U) @ feature_weights - noise
+            update, _ = lapack.dpotrs(self.L, residual, lower=1)
+
+        def path(A: FloatArray) -> FloatArray:
+            values = features(A) @ feature_weights
+            if self.n:
+                values = values + self.kernel.matrix(A, self.U, theta) @ update
+            return values * self.scale + self.centre
+
+        return path
+
+    def log_marginal_likelihood(self) -> float:
+        """Log density of the standardized values under the model."""
+        if self.n == 0:
+            return 0.0
+        log_determinant = 2.0 * float(np.sum(np.log(np.diag(self.L))))
+        return -0.5 * (float(self.z @ self.weights) + log_determinant + self.n * np.log(2.0 * np.pi))
+
+
+def log_marginal_likelihood_and_gradient(
+    U: FloatArray, z: FloatArray, hyperparameters: Hyperparameters, kernel: Kernel = MATERN52
+) -> tuple[float, FloatArray]:
+    """Log density of standardized values z, shape (n,), and its gradient.
+
+    Returns:
+        (value, gradient with respect to ``hyperparameters.vector``, shape (p + 1,)).
+
+    Raises:
+        InvalidSettingsError: the covariance is not positive definite.
+    """
+    noise = float(np.exp(hyperparameters.log_noise))
+    K = kernel.matrix(U, U, hyperparameters.theta)
+    K.flat[:: len(K) + 1] += noise
+    L = cholesky(K)
+    weights, _ = lapack.dpotrs(L, z, lower=1)
+    value = -0.5 * float(z @ weights) - float(np.sum(np.log(np.diag(L)))) - 0.5 * len(z) * np.log(2.0 * np.pi)
+    inverse, _ = lapack.dpotri(L, lower=1, overwrite_c=1)
+    inverse = np.tril(inverse)
+    W = np.outer(weights, weights) - (inverse + np.tril(inverse, -1).T)
+    gradient = 0.5 * kernel.parameter_gradient(U, hyperparameters.theta, W)
+    return value, np.append(gradient, 0.5 * noise * float(np.trace(W)))
