@@ -1,0 +1,118 @@
+"""What a method is: it proposes points in the unit cube and names the solution set, given what is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from mebo_grasp.errors import InvalidSettingsError, RunLogError
+from mebo_grasp.grasp import FloatArray
+from mebo_grasp.optimization.observations import Observations
+
+IndexArray = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class MethodSettings:
+    """Settings of all methods; each uses those it needs.
+
+    Args:
+        batch_size: points of a batch B (thesis 7.2: 3).
+        budget: evaluations in all N, the initial design included (thesis 7.2: 250).
+        n_initial: points of the initial design I (thesis 7.2: 25).
+        ucb_beta: weight of the standard deviation in UCB (thesis 7.2: 2).
+        boltzmann_beta: inverse temperature of Boltzmann selection on the standardized acquisition.
+        burn_in: discarded Metropolis–Hastings proposals per dimension and query (thesis 7.2: 250).
+        chains: Metropolis–Hastings chains side by side for one query.
+        proportional_selection: draw in proportion to the acquisition itself, as the thesis's code does.
+        relearn_period: iterations from one learning of the hyperparameters to the next (thesis 7.2: 5).
+        num_solutions: solutions wanted M, if known.
+        min_distance: Euclidean distance tau at which two solutions count as different, real units.
+
+    Raises:
+        InvalidSettingsError: a number is out of its range.
+    """
+
+    batch_size: int = 3
+    budget: int = 250
+    n_initial: int = 25
+    ucb_beta: float = 2.0
+    boltzmann_beta: float = 3.0
+    burn_in: int = 250
+    chains: int = 16
+    proportional_selection: bool = False
+    relearn_period: int = 5
+    num_solutions: int | None = None
+    min_distance: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("batch_size", "budget", "burn_in", "chains", "relearn_period"):
+            if getattr(self, name) < 1:
+                raise InvalidSettingsError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if not 0 <= self.n_initial <= self.budget:
+            raise InvalidSettingsError(
+                f"n_initial must lie between 0 and the budget {self.budget}, got {self.n_initial}"
+            )
+        for name in ("ucb_beta", "boltzmann_beta"):
+            if not 0.0 <= getattr(self, name) < float("inf"):
+                raise InvalidSettingsError(f"{name} must be finite and at least 0, got {getattr(self, name)}")
+        if self.num_solutions is not None and self.num_solutions < 1:
+            raise InvalidSettingsError(f"num_solutions must be at least 1 or unset, got {self.num_solutions}")
+        if self.min_distance is not None and not 0.0 < self.min_distance < float("inf"):
+            raise InvalidSettingsError(
+                f"min_distance must be finite and above 0 or unset, got {self.min_distance}"
+            )
+
+
+class Method(Protocol):
+    """A named way to explore. Its state is JSON, so that a killed run can continue with the same trace."""
+
+    @property
+    def name(self) -> str:
+        """The name in the registry."""
+
+    @property
+    def phase(self) -> str:
+        """What the latest proposal was for, in a word or two."""
+
+    def propose(self, observations: Observations, count: int, rng: np.random.Generator) -> FloatArray:
+        """Return the next points to try, shape (count, d), unit cube.
+
+        ``observations`` may hold any number of values, none included, failed points and open trials.
+        """
+
+    def solution_set(
+        self, observations: Observations, size: int | None = None, min_distance: float | None = None
+    ) -> IndexArray:
+        """Return indices into ``observations.U`` of the good and diverse points, best first.
+
+        Args:
+            observations: what is known.
+            size: largest number of points; default ``num_solutions`` of the settings, else the method's own.
+            min_distance: smallest distance between two of them, real units; default that of the settings.
+        """
+
+    def state(self) -> dict[str, Any]:
+        """What ``restore`` needs, as JSON values."""
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue from a state that ``state`` returned.
+
+        Raises:
+            RunLogError: the state does not fit.
+        """
+
+
+def state_int(state: dict[str, Any], key: str) -> int:
+    """Return a counter of a method's state.
+
+    Raises:
+        RunLogError: it is absent or no integer >= 0.
+    """
+    value = state.get(key)
+    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
+        raise RunLogError(f"the method's state needs an integer {key} >= 0, got {value!r}")
+    return value

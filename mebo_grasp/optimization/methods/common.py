@@ -1,0 +1,94 @@
+"""Parts that several methods share: the default solution set and points where nothing has been tried."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mebo_grasp.errors import InvalidSettingsError
+from mebo_grasp.grasp import FloatArray
+from mebo_grasp.optimization.methods.base import IndexArray, MethodSettings
+from mebo_grasp.optimization.observations import Observations
+from mebo_grasp.optimization.search_space import SearchSpace
+from mebo_grasp.optimization.selection.solution_set import DEFAULT_SHARE, greedy_diverse_set
+
+SAME_POINT = 1e-9
+"""Points closer than this in every coordinate of the unit cube count as the same point."""
+
+
+class MethodBase:
+    """Holds space and settings and answers the solution set greedily; a method may do better.
+
+    Args:
+        space: the search space.
+        settings: settings of the run.
+    """
+
+    name = "base"
+
+    def __init__(self, space: SearchSpace, settings: MethodSettings) -> None:
+        self.space = space
+        self.settings = settings
+        self._phase = self.name
+
+    @property
+    def phase(self) -> str:
+        """What the latest proposal was for."""
+        return self._phase
+
+    def solution_set(
+        self, observations: Observations, size: int | None = None, min_distance: float | None = None
+    ) -> IndexArray:
+        """Best points down that keep the distance; see ``greedy_diverse_set``."""
+        size = size if size is not None else self.settings.num_solutions
+        distance = min_distance if min_distance is not None else self.settings.min_distance
+        if distance is None:
+            return greedy_diverse_set(
+                observations.U, observations.y, size, DEFAULT_SHARE * np.sqrt(self.space.dim)
+            )
+        return greedy_diverse_set(self.space.from_unit(observations.U), observations.y, size, distance)
+
+    def state(self) -> dict[str, Any]:
+        """Nothing but the phase."""
+        return {"phase": self._phase}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue with the phase of ``state``."""
+        self._phase = str(state.get("phase", self.name))
+
+
+def without_repeats(
+    points: FloatArray, observations: Observations, rng: np.random.Generator
+) -> FloatArray:
+    """Move points that were tried or are being tried already.
+
+    The trials are deterministic, so a repeated point teaches nothing, and a failed one would fail again. A
+    repeat is moved by a small Gaussian step, a larger one each time it still coincides.
+
+    Args:
+        points: proposals, shape (count, d), unit cube.
+        observations: what is known.
+        rng: source of randomness.
+
+    Returns:
+        Points in the unit cube, shape (count, d), distinct from each other and from those taken.
+    """
+    taken = observations.taken
+    result = np.clip(points, 0.0, 1.0)
+    for i in range(len(result)):
+        step = 1e-4
+        while np.any(np.all(np.abs(np.concatenate([taken, result[:i]]) - result[i]) <= SAME_POINT, axis=1)):
+            result[i] = np.clip(points[i] + step * rng.standard_normal(points.shape[1]), 0.0, 1.0)
+            step = min(2.0 * step, 1.0)
+    return result
+
+
+def check_count(count: int) -> None:
+    """Refuse to propose fewer than one point.
+
+    Raises:
+        InvalidSettingsError: count is below 1.
+    """
+    if count < 1:
+        raise InvalidSettingsError(f"propose at least 1 point, got {count}")

@@ -1,0 +1,32 @@
+"""The methods by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from mebo_grasp.errors import InvalidSettingsError
+from mebo_grasp.optimization.methods.base import Method, MethodSettings
+from mebo_grasp.optimization.methods.mebo import Mebo
+from mebo_grasp.optimization.methods.random_search import RandomSearch
+from mebo_grasp.optimization.methods.sobol_search import SobolSearch
+from mebo_grasp.optimization.search_space import SearchSpace
+
+_METHODS: dict[str, Callable[[SearchSpace, MethodSettings], Method]] = {
+    Mebo.name: Mebo,
+    RandomSearch.name: RandomSearch,
+    SobolSearch.name: SobolSearch,
+}
+
+METHOD_NAMES: tuple[str, ...] = tuple(_METHODS)
+"""Names that ``make_method`` knows."""
+
+
+def make_method(name: str, space: SearchSpace, settings: MethodSettings | None = None) -> Method:
+    """Build the method called ``name``.
+
+    Raises:
+        InvalidSettingsError: no method has this name.
+    """
+    if name not in _METHODS:
+        raise InvalidSettingsError(f"unknown method {name!r}; choose one of: {', '.join(METHOD_NAMES)}")
+    return _METHODS[name](space, settings or MethodSettings())

@@ -1,0 +1,244 @@
+"""The ask/tell state machine: any number of open trials, told in any order. It does no IO."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from mebo_grasp.errors import InvalidSettingsError, TrialStateError
+from mebo_grasp.grasp import FloatArray
+from mebo_grasp.optimization.initial_design import latin_hypercube
+from mebo_grasp.optimization.methods.base import IndexArray, Method, MethodSettings
+from mebo_grasp.optimization.methods.registry import make_method
+from mebo_grasp.optimization.observations import Observations
+from mebo_grasp.optimization.search_space import SearchSpace, read_only
+
+INITIAL_PHASE = "initial design"
+
+OptimizerSettings = MethodSettings
+"""The optimizer and its method share one record, so that budget and batch size cannot contradict each other."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A point to evaluate.
+
+    Args:
+        id: unique number, counted from 0 in the order of asking.
+        x: the point, shape (d,), real units, read-only.
+        phase: why it is asked for.
+    """
+
+    id: int
+    x: FloatArray
+    phase: str
+
+
+@dataclass(frozen=True, eq=False)
+class Incumbent:
+    """The best value told so far.
+
+    Args:
+        x: where, shape (d,), real units, read-only.
+        value: the value.
+    """
+
+    x: FloatArray
+    value: float
+
+
+class Optimizer:
+    """Chooses where to evaluate next, for maximization.
+
+    First come ``n_initial`` Latin-hypercube points, then what the method proposes. The budget counts trials
+    asked for, failed ones included; results of other optimizers (``observe``) do not count. The same
+    generator state and the same asks and tells give the same trace, bit for bit, on one machine.
+
+    Args:
+        space: the search space.
+        method: a method or the name of one.
+        settings: budget, initial design, batch size and what the method needs.
+        rng: source of all randomness; a generator or a seed.
+
+    Raises:
+        InvalidSettingsError: the method is unknown.
+    """
+
+    def __init__(
+        self,
+        space: SearchSpace,
+        method: str | Method = "mebo",
+        settings: OptimizerSettings | None = None,
+        rng: np.random.Generator | int = 0,
+    ) -> None:
+        self.space = space
+        self.settings = settings or OptimizerSettings()
+        self.method = make_method(method, space, self.settings) if isinstance(method, str) else method
+        self.rng = rng if isinstance(rng, np.random.Generator) else np.random.default_rng(rng)
+        self._initial = latin_hypercube(self.settings.n_initial, space.dim, self.rng)
+        self._observations = Observations(space.dim)
+        self._open: dict[int, Trial] = {}
+        self._n_asked = 0
+        self._n_told = 0
+        self._phase = INITIAL_PHASE if self.settings.n_initial else self.method.phase
+
+    @property
+    def observations(self) -> Observations:
+        """What is known, in the unit cube; for reading only."""
+        return self._observations
+
+    @property
+    def pending(self) -> tuple[Trial, ...]:
+        """Open trials in the order of asking."""
+        return tuple(self._open.values())
+
+    @property
+    def n_asked(self) -> int:
+        """Trials asked for."""
+        return self._n_asked
+
+    @property
+    def n_told(self) -> int:
+        """Own trials told with a value."""
+        return self._n_told
+
+    @property
+    def n_failed(self) -> int:
+        """Own trials told as failed."""
+        return self._n_asked - self._n_told - len(self._open)
+
+    @property
+    def finished(self) -> bool:
+        """Whether the budget is used up and no trial is open."""
+        return self._n_asked >= self.settings.budget and not self._open
+
+    @property
+    def phase(self) -> str:
+        """Why the latest trials were asked for."""
+        return self._phase
+
+    @property
+    def incumbent(self) -> Incumbent | None:
+        """The best point with a value, the earliest of equals; None before the first value."""
+        if self._observations.n == 0:
+            return None
+        best = int(np.argmax(self._observations.y))
+        x = read_only(self.space.from_unit(self._observations.U[best]))
+        return Incumbent(x, float(self._observations.y[best]))
+
+    def ask(self, count: int | None = None) -> list[Trial]:
+        """Open new trials.
+
+        Args:
+            count: how many; default a batch, cut where the initial design or the budget ends. An explicit
+                count is cut only where the budget ends.
+
+        Returns:
+            The new trials, at least one.
+
+        Raises:
+            TrialStateError: the budget is used up.
+            InvalidSettingsError: count is below 1.
+        """
+        if count is not None and count < 1:
+            raise InvalidSettingsError(f"ask for at least 1 trial, got {count}")
+        left = self.settings.budget - self._n_asked
+        if left <= 0:
+            raise TrialStateError(
+                f"the budget of {self.settings.budget} trials is used up; check `finished` before asking"
+            )
+        rest = len(self._initial) - self._n_asked
+        wanted = min(left, self._default_count(rest) if count is None else count)
+        n_initial = max(0, min(rest, wanted))
+        trials = self._open_trials(self._initial[self._n_asked : self._n_asked + n_initial], INITIAL_PHASE)
+        if wanted > n_initial:
+            points = self.method.propose(self._observations, wanted - n_initial, self.rng)
+            trials += self._open_trials(points, self.method.phase)
+        return trials
+
+    def _default_count(self, initial_rest: int) -> int:
+        batch = self.settings.batch_size
+        return min(batch, initial_rest) if initial_rest > 0 else batch
+
+    def _open_trials(self, points: FloatArray, phase: str) -> list[Trial]:
+        trials = []
+        for u in points:
+            trial = Trial(self._n_asked, read_only(self.space.from_unit(u)), phase)
+            self._observations.open(trial.id, u)
+            self._open[trial.id] = trial
+            self._n_asked += 1
+            self._phase = phase
+            trials.append(trial)
+        return trials
+
+    def tell(self, trial_id: int, value: float) -> None:
+        """Report the value of an open trial.
+
+        Raises:
+            TrialStateError: no open trial has this id.
+            InvalidSettingsError: the value is not finite.
+        """
+        self._check_open(trial_id)
+        value = self._checked_value(value)
+        self._observations.add(self._observations.close(trial_id), value)
+        del self._open[trial_id]
+        self._n_told += 1
+
+    def tell_failed(self, trial_id: int, reason: str = "") -> None:
+        """Report that an open trial gave no value; its point is remembered and not proposed again.
+
+        Raises:
+            TrialStateError: no open trial has this id.
+        """
+        del reason  # Kept for the log of a run; the state machine needs only the fact.
+        self._check_open(trial_id)
+        self._observations.add_failed(self._observations.close(trial_id))
+        del self._open[trial_id]
+
+    def observe(self, x: npt.ArrayLike, value: float) -> None:
+        """Learn a result that another optimizer asked for (distributed mode, thesis 5.2).
+
+        Raises:
+            InvalidSettingsError: the point lies outside the box or the value is not finite.
+        """
+        if not self.space.contains(x):
+            raise InvalidSettingsError(
+                f"the point {np.asarray(x).tolist()} is outside the search space "
+                f"{self.space.lower.tolist()} to {self.space.upper.tolist()}"
+            )
+        self._observations.add(self.space.to_unit(x), self._checked_value(value))
+
+    def solution_set(self, size: int | None = None, min_distance: float | None = None) -> list[Incumbent]:
+        """Return good and diverse points among those observed, best first.
+
+        Args:
+            size: largest number; default that of the settings, else the method decides.
+            min_distance: smallest distance between two, real units; default that of the settings.
+
+        Raises:
+            InvalidSettingsError: size is below 1 or the distance is not finite and positive.
+        """
+        if size is not None and size < 1:
+            raise InvalidSettingsError(f"a solution set needs a size of at least 1, got {size}")
+        if min_distance is not None and not 0.0 < min_distance < math.inf:
+            raise InvalidSettingsError(f"min_distance must be finite and above 0, got {min_distance}")
+        indices: IndexArray = self.method.solution_set(self._observations, size, min_distance)
+        known = self._observations
+        return [Incumbent(read_only(self.space.from_unit(known.U[i])), float(known.y[i])) for i in indices]
+
+    def _check_open(self, trial_id: int) -> None:
+        if trial_id in self._open:
+            return
+        if isinstance(trial_id, (int, np.integer)) and 0 <= trial_id < self._n_asked:
+            raise TrialStateError(f"trial {trial_id} was told already")
+        raise TrialStateError(f"trial {trial_id!r} is unknown; {self._n_asked} trials were asked for so far")
+
+    @staticmethod
+    def _checked_value(value: float) -> float:
+        number = float(value)
+        if not math.isfinite(number):
+            raise InvalidSettingsError(f"the value of a trial must be finite, got {number}; use tell_failed instead")
+        return number

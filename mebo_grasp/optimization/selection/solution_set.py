@@ -1,0 +1,37 @@
+"""The best points that keep a distance: what any method can answer from its observations."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from mebo_grasp.grasp import FloatArray
+
+DEFAULT_SHARE = 0.1
+"""Default smallest distance as a share of the unit cube's diagonal."""
+
+
+def greedy_diverse_set(
+    X: FloatArray, y: FloatArray, size: int | None, min_distance: float
+) -> npt.NDArray[np.int64]:
+    """Walk through the points from the best down and keep each that is far enough from those kept.
+
+    Args:
+        X: points, shape (n, d).
+        y: values, shape (n,), larger is better; of equal values the earlier comes first.
+        size: largest number kept; None for no limit.
+        min_distance: smallest Euclidean distance between two kept points, units of X.
+
+    Returns:
+        Indices of the kept points, best first.
+    """
+    order = np.argsort(-y, kind="stable")
+    free = np.ones(len(y), dtype=bool)
+    kept: list[int] = []
+    for index in order:
+        if size is not None and len(kept) >= size:
+            break
+        if free[index]:
+            kept.append(int(index))
+            free &= np.linalg.norm(X - X[index], axis=1) >= min_distance
+    return np.array(kept, dtype=np.int64)
