@@ -1,0 +1,201 @@
+"""The archive of trials: nothing that a robot paid for in trials is lost, and every question is quick."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from enum import IntEnum
+from pathlib import Path
+from types import TracebackType
+
+from mebo_grasp.errors import ArchiveError
+from mebo_grasp.grasp import StampedGrasp
+from mebo_grasp.solutions.best_grasp import BestGraspAnswer, BestGraspQuery
+from mebo_grasp.solutions.diversity import PoseMetric
+from mebo_grasp.solutions.grasp_index import GraspIndex
+from mebo_grasp.solutions.occlusion import Occlusion
+from mebo_grasp.solutions.solution_set import SolutionSet
+from mebo_grasp.solutions.trial_store import TrialStore
+
+
+class AddStatus(IntEnum):
+    """What became of an added trial; true when it was stored."""
+
+    DUPLICATE = 0
+    """A trial of this stamp is stored already; the first one stays."""
+    STORED = 1
+    """Stored."""
+    IMPROVED = 2
+    """Stored, and better than every grasp before."""
+
+
+class SolutionArchive:
+    """All trials of one object, on the disk and ready for questions.
+
+    A trial is committed before ``add`` returns: it survives the death of the process at any instant.
+    All methods may be called from several threads.
+
+    Args:
+        path: database file, created when absent, or ``":memory:"`` for an archive that is not kept.
+        object_id: name of the object; one file may hold several objects.
+        metric: distance between grasps.
+        sync_each_trial: wait for the disk at each trial (some milliseconds), so that a loss of power
+            loses no acknowledged trial either.
+
+    Raises:
+        ArchiveError: the file cannot be opened or written, is damaged, belongs to another program or is
+            in use; it is left as it was.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        object_id: str,
+        metric: PoseMetric | None = None,
+        *,
+        sync_each_trial: bool = False,
+    ) -> None:
+        if not object_id:
+            raise ArchiveError("an archive needs the name of its object, got an empty one")
+        self.metric = PoseMetric() if metric is None else metric
+        self._guard = threading.RLock()
+        self._store = TrialStore(path, object_id, sync_each_trial)
+        try:
+            self._trials = self._store.count()
+            self._index = GraspIndex(self._store.load_poses())
+        except BaseException:
+            self._store.close()
+            raise
+        self._is_open = True
+
+    @property
+    def object_id(self) -> str:
+        """Name of the object."""
+        return self._store.object_id
+
+    @property
+    def path(self) -> str:
+        """Database file, or ``":memory:"``."""
+        return self._store.path
+
+    def __len__(self) -> int:
+        """Return how many trials are stored, failed ones included."""
+        return self._trials
+
+    def __enter__(self) -> SolutionArchive:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def grasps(self) -> Iterator[StampedGrasp]:
+        """All stored trials, failed ones included, in the order of their stamps.
+
+        Raises:
+            ArchiveError: the archive is closed or damaged.
+        """
+        with self._guard:
+            self._require_open()
+            return iter(list(self._store.read_all()))
+
+    def add(self, trial: StampedGrasp) -> AddStatus:
+        """Store a trial; when this returns, it is committed.
+
+        Args:
+            trial: of this archive's object; a trial without an object's name is taken for one.
+
+        Raises:
+            ArchiveError: the trial is of another object, or cannot be written; it is not stored then.
+        """
+        grasp = trial.grasp
+        if grasp.object_id and grasp.object_id != self.object_id:
+            raise ArchiveError(
+                f"a trial of '{grasp.object_id}' does not belong to the archive of '{self.object_id}'"
+            )
+        with self._guard:
+            self._require_open()
+            if not self._store.insert(trial):
+                return AddStatus.DUPLICATE
+            self._trials += 1
+            if not grasp.quality > 0.0:
+                return AddStatus.STORED
+            improved = grasp.quality > self._index.best_quality
+            self._index.add(trial.stamp_ns, grasp.quality, grasp.T_object_tcp)
+            return AddStatus.IMPROVED if improved else AddStatus.STORED
+
+    def best(self, query: BestGraspQuery | None = None) -> BestGraspAnswer:
+        """Return the best grasps that nothing blocks, of all that are stored.
+
+        Args:
+            query: what is wanted; by default the one best grasp.
+
+        Raises:
+            ArchiveError: the archive is closed or damaged.
+        """
+        query = BestGraspQuery() if query is None else query
+        with self._guard:
+            self._require_open()
+            found = self._index.search(query, self.metric)
+            grasps = tuple(self._store.read(stamp) for stamp in found.stamps_ns)
+        counts: dict[str, int] = {}
+        for occlusion, count in zip(query.occlusions, found.blocked, strict=True):
+            if count:
+                counts[occlusion.id] = counts.get(occlusion.id, 0) + int(count)
+        return BestGraspAnswer(
+            grasps, found.considered, int(found.blocked.sum()), tuple(counts.items())
+        )
+
+    def solution_set(
+        self, size: int, min_distance: float, occlusions: tuple[Occlusion, ...] = ()
+    ) -> SolutionSet:
+        """Return the best grasps that are mutually diverse, chosen greedily from all that are stored.
+
+        Args:
+            size: how many at most.
+            min_distance: least mutual distance, metres.
+            occlusions: regions in which no grasp may be used.
+
+        Raises:
+            InvalidQueryError: a number is out of range.
+            ArchiveError: the archive is closed or damaged.
+        """
+        query = BestGraspQuery(occlusions, max_grasps=size, min_diversity=min_distance)
+        answer = self.best(query)
+        return SolutionSet.of(self.object_id, answer.grasps, min_distance, self.metric)
+
+    def reset(self, object_id: str) -> int:
+        """Delete every trial of the object; return how many there were.
+
+        Args:
+            object_id: the object's name again, as a guard against a slip.
+
+        Raises:
+            ArchiveError: the name is not this archive's object, or the trials cannot be deleted.
+        """
+        if object_id != self.object_id:
+            raise ArchiveError(
+                f"this archive keeps '{self.object_id}', not '{object_id}': nothing was deleted"
+            )
+        with self._guard:
+            self._require_open()
+            deleted = self._store.delete_object()
+            self._trials = 0
+            self._index = GraspIndex(self._store.load_poses())
+        return deleted
+
+    def close(self) -> None:
+        """Close the database; harmless when called again."""
+        with self._guard:
+            if self._is_open:
+                self._is_open = False
+                self._store.close()
+
+    def _require_open(self) -> None:
+        if not self._is_open:
+            raise ArchiveError(f"the archive {self.path} is closed")

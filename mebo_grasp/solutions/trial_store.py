@@ -1,0 +1,342 @@
+"""Trials in SQLite: what is on the disk, and in which shape.
+
+``trial`` holds what queries need, one row a trial, ordered by object and stamp, so that a start reads it
+in one sweep; ``trial_detail`` holds what only a returned grasp needs. Both rows of a trial are written
+in one transaction. NaN is stored as NULL, which is how SQLite keeps it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sqlite3
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mebo_grasp.errors import ArchiveError
+from mebo_grasp.grasp import (
+    FloatArray,
+    Grasp,
+    GraspContact,
+    GraspOutcome,
+    HandPosture,
+    Pose,
+    StampedGrasp,
+)
+from mebo_grasp.solutions.diversity import IntArray
+from mebo_grasp.solutions.schema import prepare_schema
+from mebo_grasp.solutions.writer_lock import WriterLock
+
+SQLITE_MAGIC = b"SQLite format 3\x00"
+IN_MEMORY = ":memory:"
+LARGEST_STAMP_NS = 2**63 - 1
+FETCHED_ROWS = 20_000
+
+_TRIAL_COLUMNS = (
+    "stamp_ns, outcome, quality, px, py, pz, qx, qy, qz, qw, epsilon, volume, isotropy, force_closure"
+)
+_DETAIL_COLUMNS = (
+    "hand, computation_time, message, joint_names, joint_positions, contact_links, contact_vectors"
+)
+
+
+@dataclass(frozen=True)
+class StoredPoses:
+    """What the queries need of all stored grasps with a quality above zero, in the order of their stamps.
+
+    Args:
+        stamps_ns: shape (n,).
+        qualities: shape (n,).
+        positions: of the TCP in the object's frame, shape (n, 3), metres.
+        quaternions: xyzw, shape (n, 4).
+    """
+
+    stamps_ns: IntArray
+    qualities: FloatArray
+    positions: FloatArray
+    quaternions: FloatArray
+
+
+@contextmanager
+def _as_archive_errors(path: str, doing: str) -> Iterator[None]:
+    try:
+        yield
+    except sqlite3.Error as error:
+        raise ArchiveError(f"cannot {doing} the archive {path}: {_explain(error)}") from error
+
+
+def _explain(error: sqlite3.Error) -> str:
+    text = str(error)
+    if "readonly" in text or "unable to open" in text:
+        return f"{text}; check the permissions of the file and of its folder"
+    if "full" in text or "disk I/O error" in text:
+        return f"{text}; free space on the disk, what is stored is untouched"
+    if "malformed" in text or "not a database" in text:
+        return f"{text}; the file is damaged: restore a copy or name another file"
+    if "locked" in text:
+        return f"{text}; another program writes to it"
+    return text
+
+
+def _require_database(path: Path) -> None:
+    """Refuse what is not SQLite before SQLite gets a chance to touch it."""
+    if not path.parent.is_dir():
+        raise ArchiveError(f"the folder of the archive {path} does not exist; make it first")
+    if path.is_dir():
+        raise ArchiveError(f"the archive {path} is a folder; name a file")
+    if not path.exists():
+        return
+    try:
+        with path.open("rb") as file:
+            start = file.read(len(SQLITE_MAGIC))
+        with path.open("r+b"):
+            pass
+    except OSError as error:
+        raise ArchiveError(
+            f"the archive {path} cannot be opened for writing: {error.strerror}"
+        ) from error
+    if start and start != SQLITE_MAGIC:
+        raise ArchiveError(f"{path} is not an SQLite database; it is left as it is, name another file")
+
+
+class TrialStore:
+    """The trials of one object in a database that may hold several objects.
+
+    Args:
+        path: database file, created when absent, or ``":memory:"``.
+        object_id: name of the object whose trials are read and written.
+        sync_each_trial: wait for the disk at each trial, so that a loss of power loses none either.
+
+    Raises:
+        ArchiveError: the database cannot be opened, is damaged, foreign, of a newer version or in use.
+    """
+
+    def __init__(self, path: str | Path, object_id: str, sync_each_trial: bool = False) -> None:
+        self.path = str(path)
+        self.object_id = object_id
+        self._lock: WriterLock | None = None
+        if self.path != IN_MEMORY:
+            _require_database(Path(self.path))
+            self._lock = WriterLock(Path(self.path))
+        try:
+            self._connection = self._open(sync_each_trial)
+        except BaseException:
+            if self._lock is not None:
+                self._lock.release()
+            raise
+
+    def _open(self, sync_each_trial: bool) -> sqlite3.Connection:
+        with _as_archive_errors(self.path, "open"):
+            connection = sqlite3.connect(
+                self.path, timeout=0.0, isolation_level=None, check_same_thread=False
+            )
+            try:
+                prepare_schema(connection, self.path)
+                connection.execute("PRAGMA journal_mode = WAL")
+                connection.execute(f"PRAGMA synchronous = {'FULL' if sync_each_trial else 'NORMAL'}")
+                self._object_key = self._find_object(connection)
+                self._session = self._begin_session(connection)
+            except BaseException:
+                connection.close()
+                raise
+        return connection
+
+    def _find_object(self, connection: sqlite3.Connection) -> int:
+        connection.execute("INSERT OR IGNORE INTO object (name) VALUES (?)", (self.object_id,))
+        (key,) = connection.execute(
+            "SELECT id FROM object WHERE name = ?", (self.object_id,)
+        ).fetchone()
+        return int(key)
+
+    def _begin_session(self, connection: sqlite3.Connection) -> int:
+        cursor = connection.execute("INSERT INTO session (begun_ns) VALUES (?)", (time.time_ns(),))
+        return int(cursor.lastrowid or 0)
+
+    @contextmanager
+    def _transaction(self, doing: str) -> Iterator[sqlite3.Connection]:
+        with _as_archive_errors(self.path, doing):
+            self._connection.execute("BEGIN IMMEDIATE")
+            try:
+                yield self._connection
+                self._connection.execute("COMMIT")
+            except BaseException:
+                # SQLite has rolled back by itself after some errors, a full disk among them.
+                if self._connection.in_transaction:
+                    self._connection.execute("ROLLBACK")
+                raise
+
+    def insert(self, stamped: StampedGrasp) -> bool:
+        """Write a trial and commit it; return False when its stamp is stored already.
+
+        Raises:
+            ArchiveError: the trial cannot be written; nothing of it is stored then.
+        """
+        grasp = stamped.grasp
+        if not 0 <= stamped.stamp_ns <= LARGEST_STAMP_NS:
+            raise ArchiveError(
+                f"stamp {stamped.stamp_ns} ns is outside 0 to {LARGEST_STAMP_NS} and cannot be stored"
+            )
+        key = (self._object_key, stamped.stamp_ns)
+        with self._transaction("write to") as connection:
+            cursor = connection.execute(
+                f"INSERT OR IGNORE INTO trial (object, session, {_TRIAL_COLUMNS}) "
+                "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                (self._object_key, self._session, *_trial_values(stamped)),
+            )
+            if cursor.rowcount == 0:
+                return False
+            connection.execute(
+                f"INSERT INTO trial_detail (object, stamp_ns, {_DETAIL_COLUMNS}) "
+                "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                (*key, *_detail_values(grasp)),
+            )
+        return True
+
+    def count(self) -> int:
+        """Return how many trials of the object are stored."""
+        with _as_archive_errors(self.path, "read"):
+            (count,) = self._connection.execute(
+                "SELECT count(*) FROM trial WHERE object = ?", (self._object_key,)
+            ).fetchone()
+        return int(count)
+
+    def load_poses(self) -> StoredPoses:
+        """Read what the queries need of every grasp with a quality above zero, ordered by stamp.
+
+        Raises:
+            ArchiveError: the database is damaged.
+        """
+        stamps: list[IntArray] = [np.empty(0, dtype=np.int64)]
+        numbers: list[FloatArray] = [np.empty((0, 8))]
+        with _as_archive_errors(self.path, "read"):
+            cursor = self._connection.execute(
+                "SELECT stamp_ns, quality, px, py, pz, qx, qy, qz, qw FROM trial "
+                "WHERE object = ? AND quality > 0 ORDER BY stamp_ns",
+                (self._object_key,),
+            )
+            while rows := cursor.fetchmany(FETCHED_ROWS):
+                # Stamps do not fit into a double, hence the two arrays.
+                stamps.append(np.array([row[0] for row in rows], dtype=np.int64))
+                numbers.append(np.array([row[1:] for row in rows], dtype=np.float64))
+        table = np.concatenate(numbers)
+        return StoredPoses(np.concatenate(stamps), table[:, 0], table[:, 1:4], table[:, 4:8])
+
+    def read(self, stamp_ns: int) -> StampedGrasp:
+        """Read one trial whole.
+
+        Raises:
+            ArchiveError: it is not stored or is damaged.
+        """
+        with _as_archive_errors(self.path, "read"):
+            row = self._connection.execute(
+                f"{_SELECT_WHOLE} AND trial.stamp_ns = ?", (self._object_key, stamp_ns)
+            ).fetchone()
+        if row is None:
+            raise ArchiveError(f"no trial with stamp {stamp_ns} ns of '{self.object_id}' is stored")
+        return self._from_row(row)
+
+    def read_all(self) -> Iterator[StampedGrasp]:
+        """Read all trials of the object whole, in the order of their stamps.
+
+        Raises:
+            ArchiveError: the database is damaged.
+        """
+        with _as_archive_errors(self.path, "read"):
+            cursor = self._connection.execute(
+                f"{_SELECT_WHOLE} ORDER BY trial.stamp_ns", (self._object_key,)
+            )
+            for row in cursor:
+                yield self._from_row(row)
+
+    def _from_row(self, row: tuple[Any, ...]) -> StampedGrasp:
+        try:
+            return _to_stamped_grasp(row, self.object_id)
+        except (ValueError, TypeError) as error:
+            raise ArchiveError(
+                f"trial {row[0]} ns of '{self.object_id}' in {self.path} is damaged: {error}"
+            ) from error
+
+    def delete_object(self) -> int:
+        """Delete all trials of the object; return how many there were."""
+        with self._transaction("write to") as connection:
+            connection.execute("DELETE FROM trial_detail WHERE object = ?", (self._object_key,))
+            cursor = connection.execute("DELETE FROM trial WHERE object = ?", (self._object_key,))
+            return cursor.rowcount
+
+    def object_counts(self) -> dict[str, int]:
+        """Return the number of trials of each object in the database."""
+        with _as_archive_errors(self.path, "read"):
+            rows = self._connection.execute(
+                "SELECT name, count(trial.stamp_ns) FROM object "
+                "LEFT JOIN trial ON trial.object = object.id GROUP BY name ORDER BY name"
+            ).fetchall()
+        return {str(name): int(count) for name, count in rows}
+
+    def close(self) -> None:
+        """Close the database; harmless when called again."""
+        self._connection.close()
+        if self._lock is not None:
+            self._lock.release()
+
+
+_SELECT_WHOLE = (
+    f"SELECT trial.{_TRIAL_COLUMNS.replace(', ', ', trial.')}, {_DETAIL_COLUMNS} FROM trial "
+    "JOIN trial_detail ON trial_detail.object = trial.object "
+    "AND trial_detail.stamp_ns = trial.stamp_ns WHERE trial.object = ?"
+)
+
+
+def _trial_values(stamped: StampedGrasp) -> tuple[float | int, ...]:
+    grasp = stamped.grasp
+    pose = grasp.T_object_tcp
+    return (
+        stamped.stamp_ns, int(grasp.outcome), grasp.quality, *map(float, pose.position),
+        *map(float, pose.quaternion_xyzw), grasp.epsilon, grasp.volume, grasp.isotropy,
+        int(grasp.force_closure),
+    )
+
+
+def _detail_values(grasp: Grasp) -> tuple[float | str | bytes, ...]:
+    vectors = np.array([[contact.position, contact.normal] for contact in grasp.contacts], dtype="<f8")
+    return (
+        grasp.hand, grasp.computation_time, grasp.message, json.dumps(grasp.hand_posture.names),
+        np.array(grasp.hand_posture.positions, dtype="<f8").tobytes(),
+        json.dumps([contact.link for contact in grasp.contacts]), vectors.tobytes(),
+    )
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _to_stamped_grasp(row: tuple[Any, ...], object_id: str) -> StampedGrasp:
+    (stamp_ns, outcome, quality, px, py, pz, qx, qy, qz, qw, epsilon, volume, isotropy, closure,
+     hand, seconds, message, names, positions, links, vectors) = row  # fmt: skip
+    contact_vectors = np.frombuffer(vectors, dtype="<f8").reshape(-1, 2, 3)
+    contacts = tuple(
+        GraspContact(link, position, normal)
+        for link, (position, normal) in zip(json.loads(str(links)), contact_vectors, strict=True)
+    )
+    joint_positions = np.frombuffer(positions, dtype="<f8").tolist()
+    grasp = Grasp(
+        T_object_tcp=Pose(np.array([px, py, pz]), np.array([qx, qy, qz, qw])),
+        outcome=GraspOutcome(outcome),
+        quality=_or_nan(quality),
+        epsilon=_or_nan(epsilon),
+        volume=_or_nan(volume),
+        isotropy=_or_nan(isotropy),
+        force_closure=bool(closure),
+        contacts=contacts,
+        hand_posture=HandPosture(tuple(json.loads(str(names))), tuple(joint_positions)),
+        object_id=object_id,
+        hand=str(hand),
+        computation_time=_or_nan(seconds),
+        message=str(message),
+    )
+    return StampedGrasp(int(stamp_ns), grasp)
