@@ -54,6 +54,23 @@ def guarded_service(internal_error: int) -> Callable[[Callable[..., Any]], Calla
     return decorate
 
 
+def guarded_trigger(method: Callable[[Any], str]) -> Callable[..., Any]:
+    """Wrap an order given by ``std_srvs/Trigger``: its text is the reply, what it raises a refusal."""
+
+    @wraps(method)
+    def callback(node: Node, _request: Any, response: Any) -> Any:
+        try:
+            response.message, response.success = method(node), True
+        except MeboGraspError as error:
+            response.message, response.success = str(error), False
+        except Exception as error:
+            response.message, response.success = f"{type(error).__name__}: {error}", False
+            node.get_logger().error(f"{method.__name__}: {response.message}")
+        return response
+
+    return callback
+
+
 def run_node(make_node: Callable[[], Node]) -> None:
     """Run one node until it is told to stop; the body of every node's ``main``.
 

@@ -47,6 +47,9 @@ class OptimizerNodeSettings:
     initial_points: int = parameter(25, "trials of the initial Latin hypercube", least=1, most=100_000)
     batch_size: int = parameter(3, "trials chosen at once", least=1, most=1000)
     ucb_beta: float = parameter(2.0, "weight of the standard deviation in UCB", least=0.0, most=100.0)
+    boltzmann_beta: float = parameter(
+        3.0, "inverse temperature of Boltzmann selection on the standardized acquisition", least=0.0, most=1e6
+    )
     burn_in: int = parameter(
         250, "Metropolis-Hastings steps discarded, per dimension", least=1, most=1_000_000
     )

@@ -1,0 +1,201 @@
+"""``mebo-grasp explore``: one object, three nodes, a set of diverse grasps."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from mebo_grasp_interfaces.msg import ExplorationStatus
+from mebo_grasp_interfaces.srv import GetBestGrasp
+
+from mebo_grasp.cli.processes import NodeGroup, NodeProcess
+from mebo_grasp.cli.report import HEADER, ProgressLine, grasp_row, grasp_table
+from mebo_grasp.errors import InvalidSettingsError, MeboGraspError
+from mebo_grasp.grasp import Pose, StampedGrasp
+from mebo_grasp.grasping.hand_model import HandModel
+from mebo_grasp.grasping.rendering import render_grasps
+from mebo_grasp.grasping.target_object import TargetObject
+from mebo_grasp.nodes.domain import private_domain
+from mebo_grasp.nodes.exploration_client import ExplorationClient
+from mebo_grasp.nodes.exploration_plan import SPACES
+from mebo_grasp.optimization.methods.registry import METHOD_NAMES
+from mebo_grasp.solutions.occlusion import Box, Occlusion
+from msg_adapters.grasp import from_grasp_quality_msg
+from msg_adapters.occlusion import to_occlusion_msg
+
+START_TIMEOUT = 60.0
+SETTLE_TIMEOUT = 10.0
+FAR = 1.0
+"""Half side, metres, of the occluding boxes of the demonstration: wide enough for every hand around."""
+
+DATABASE, RUN_LOG, PICTURE = "trials.db", "run.jsonl", "grasps.png"
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the command to the command line."""
+    parser = commands.add_parser(
+        "explore",
+        help="explore an object with three nodes over ROS 2 and print its diverse grasps",
+        description="Explores an object with three ROS 2 nodes on this machine. An unfinished run in "
+        "the output folder is resumed. Ctrl-C stops cleanly and keeps what was found.",
+    )
+    parser.add_argument("--object", default="bottle", help="built-in name or mesh file (default: bottle)")
+    parser.add_argument("--scale", type=float, default=1.0, help="factor from the mesh's unit to metres")
+    parser.add_argument("--hand", default="icub_left", help="built-in name or hand description")
+    parser.add_argument("--method", default="mebo", choices=METHOD_NAMES, help="optimization method")
+    parser.add_argument("--space", default="position", choices=sorted(SPACES), help="search space")
+    parser.add_argument("--budget", type=int, default=250, help="number of trials (default: 250)")
+    parser.add_argument("--initial", type=int, default=25, help="of these, initial design (default: 25)")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the random generator (default: 1)")
+    parser.add_argument("--size", type=int, default=4, help="grasps in the solution set (default: 4)")
+    parser.add_argument("--min-distance", type=float, default=0.04, help="least distance of two [m]")
+    parser.add_argument("--out", type=Path, help="folder of the run (default: out/<object>-<time>)")
+    parser.add_argument("--restart", action="store_true", help="begin anew if the folder holds a run")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Explore, report and draw; returns the exit code."""
+    target = TargetObject.load(options.object, options.scale)
+    hand = HandModel.load(options.hand)
+    directory = _prepare_directory(options, target.object_id)
+    with private_domain() as domain_id, NodeGroup() as nodes, ExplorationClient(domain_id) as client:
+        print(f"exploring '{target.object_id}' in {directory} (ROS_DOMAIN_ID={domain_id}, this machine only)")
+        _start_nodes(nodes, options, directory, domain_id)
+        interrupted = not _follow(nodes, client)
+        grasps = _report(client, target)
+    if grasps:
+        picture = directory / PICTURE
+        render_grasps(target, hand, [stamped.grasp for stamped in grasps], picture)
+        print(f"\npicture: {picture}")
+    return 130 if interrupted else 0
+
+
+def _prepare_directory(options: argparse.Namespace, object_id: str) -> Path:
+    directory: Path = options.out or Path("out") / f"{object_id}-{time.strftime('%Y%m%d-%H%M%S')}"
+    if directory.exists() and not directory.is_dir():
+        raise InvalidSettingsError(f"--out {directory} is a file; name a folder")
+    directory.mkdir(parents=True, exist_ok=True)
+    if options.restart:
+        for name in (DATABASE, f"{DATABASE}-wal", f"{DATABASE}-shm", RUN_LOG, PICTURE):
+            (directory / name).unlink(missing_ok=True)
+    return directory
+
+
+def _start_nodes(nodes: NodeGroup, options: argparse.Namespace, directory: Path, domain_id: int) -> None:
+    target = {"object": options.object, "object_scale": options.scale}
+    hand = {"hand": options.hand}
+    optimizer = {
+        "space": options.space,
+        "method": options.method,
+        "seed": options.seed,
+        "budget": options.budget,
+        "initial_points": min(options.initial, options.budget),
+        "num_solutions": options.size,
+        "run_log": str(directory.resolve() / RUN_LOG),
+    }
+    archive = {
+        "object": options.object,
+        "database": str(directory.resolve() / DATABASE),
+        "size": options.size,
+        "min_distance": options.min_distance,
+    }
+    parameters = {
+        "solution_set_node": archive,
+        "hand_node": target | hand,
+        "optimizer_node": target | hand | optimizer,
+    }
+    for name, values in parameters.items():
+        nodes.start(NodeProcess(name, values, directory, domain_id))
+
+
+def _follow(nodes: NodeGroup, client: ExplorationClient) -> bool:
+    """Show progress until the budget is spent; False when the user stopped it."""
+    line = ProgressLine()
+    try:
+        end = time.monotonic() + START_TIMEOUT
+        while client.status is None or not client.services_ready():
+            nodes.check()
+            if time.monotonic() > end:
+                raise MeboGraspError(f"the nodes did not start within {START_TIMEOUT:.0f} s; see their logs")
+            client.spin(0.1)
+        while client.status.state != ExplorationStatus.FINISHED:
+            nodes.check()
+            _show(line, client.status)
+            client.spin(0.1)
+        _show(line, client.status)
+    except KeyboardInterrupt:
+        line.end()
+        print("stopping; what was found is kept")
+        return False
+    line.end()
+    return True
+
+
+def _show(line: ProgressLine, status: ExplorationStatus) -> None:
+    line.show(
+        status.evaluations, status.budget, status.best_quality, status.seconds_per_trial, status.message
+    )
+
+
+def _report(client: ExplorationClient, target: TargetObject) -> tuple[StampedGrasp, ...]:
+    """Print the set and the best grasps under occlusion; return the set."""
+    if client.status is None or not client.services_ready():
+        return ()
+    evaluations = client.status.evaluations
+    solution_set = client.get_solution_set()
+    end = time.monotonic() + SETTLE_TIMEOUT
+    while solution_set.stored < evaluations and time.monotonic() < end:
+        client.spin(0.05)
+        solution_set = client.get_solution_set()
+    grasps = _from_messages(solution_set.grasps, target.object_id)
+    print(
+        f"\n{solution_set.stored} trials stored; {len(grasps)} diverse grasps, mean quality "
+        f"{solution_set.mean_quality:.4f}, mean distance to the nearest {1000 * solution_set.mean_min_distance:.0f} mm"
+    )
+    if not grasps:
+        print("no grasp with a quality above 0 was found")
+        return ()
+    print(grasp_table(grasps))
+    top, middle = third_of(target, 2, "top"), third_of(target, 1, "middle")
+    _print_best(client, target, "with the top occluded", [top])
+    _print_best(client, target, "with top and middle occluded", [top, middle])
+    return grasps
+
+
+def third_of(target: TargetObject, index: int, name: str) -> Occlusion:
+    """Return the occlusion of one third of an object's height and all beside it.
+
+    Args:
+        target: the object.
+        index: 0 for the lowest third, 2 for the highest, which reaches far above the object.
+        name: name of the occlusion.
+    """
+    lowest, highest = target.bounds[:, 2]
+    third = (highest - lowest) / 3.0
+    bottom = lowest + index * third
+    top = highest + FAR if index == 2 else bottom + third
+    center = np.array([*target.bounds.mean(axis=0)[:2], (bottom + top) / 2.0])
+    return Occlusion(name, Box(np.array([2 * FAR, 2 * FAR, top - bottom])), Pose(center))
+
+
+def _print_best(
+    client: ExplorationClient, target: TargetObject, title: str, occlusions: Iterable[Occlusion]
+) -> None:
+    request = GetBestGrasp.Request()
+    request.occlusions = [to_occlusion_msg(occlusion, target.object_id) for occlusion in occlusions]
+    response = client.get_best_grasp(request)
+    print(f"\nbest grasp {title} ({response.occluded} of {response.considered} grasps blocked):")
+    if response.error_code != response.NONE:
+        print(f"  none: {response.message}")
+        return
+    (best,) = _from_messages(response.grasps, target.object_id)
+    print(HEADER)
+    print(grasp_row(1, best.grasp))
+
+
+def _from_messages(messages: Iterable[object], object_id: str) -> tuple[StampedGrasp, ...]:
+    return tuple(from_grasp_quality_msg(message, expected_frame=object_id) for message in messages)

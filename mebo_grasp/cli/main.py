@@ -1,0 +1,49 @@
+"""The ``mebo-grasp`` command: explores an object, shows and measures what was found.
+
+Exit codes: 0 done, 1 something failed, 2 the command line or a setting is wrong, 130 stopped by Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from mebo_grasp import __version__
+from mebo_grasp.cli import explore, show
+from mebo_grasp.errors import MeboGraspError
+
+EXIT_FAILED = 1
+EXIT_USAGE = 2
+EXIT_INTERRUPTED = 130
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the whole command line."""
+    parser = argparse.ArgumentParser(
+        prog="mebo-grasp",
+        description="Explores grasps of an object by multisolution Bayesian optimization.",
+    )
+    parser.add_argument("--version", action="version", version=f"mebo_grasp {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for module in (explore, show):
+        module.add_parser(commands)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code."""
+    options = make_parser().parse_args(arguments)
+    try:
+        code: int = options.run(options)
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    except MeboGraspError as error:
+        print(f"mebo-grasp {options.command}: {error}", file=sys.stderr)
+        return EXIT_USAGE if isinstance(error, ValueError) else EXIT_FAILED
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

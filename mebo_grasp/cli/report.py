@@ -1,0 +1,89 @@
+"""What a person reads: tables of grasps and a line of progress."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import sys
+import time
+from collections.abc import Sequence
+from typing import TextIO
+
+import numpy as np
+
+from mebo_grasp.grasp import Grasp, StampedGrasp
+
+HEADER = (
+    f"{'#':>3}  {'epsilon':>8}  {'volume':>9}  {'isotropy':>8}  {'closed':>6}  {'contacts':>8}"
+    f"  {'x, y, z [mm]':>22}  {'roll, pitch, yaw [deg]':>24}"
+)
+
+
+def grasp_row(rank: int, grasp: Grasp) -> str:
+    """Return one line of the table of grasps."""
+    position = ", ".join(f"{1000 * value:.1f}" for value in grasp.T_object_tcp.position)
+    angles = ", ".join(f"{value:.1f}" for value in np.degrees(grasp.T_object_tcp.rpy))
+    return (
+        f"{rank:>3}  {grasp.epsilon:>8.4f}  {grasp.volume:>9.2e}  {grasp.isotropy:>8.3f}"
+        f"  {'yes' if grasp.force_closure else 'no':>6}  {len(grasp.contacts):>8}"
+        f"  {position:>22}  {angles:>24}"
+    )
+
+
+def grasp_table(grasps: Sequence[StampedGrasp]) -> str:
+    """Return a table of grasps, one a line, in the given order."""
+    rows = [grasp_row(rank, stamped.grasp) for rank, stamped in enumerate(grasps, start=1)]
+    return "\n".join([HEADER, *rows])
+
+
+class ProgressLine:
+    """A live line on a terminal; on anything else a line each few seconds.
+
+    Args:
+        stream: where it is written.
+        period: seconds between two lines where the stream is no terminal.
+    """
+
+    BAR_WIDTH = 24
+
+    def __init__(self, stream: TextIO = sys.stderr, period: float = 5.0) -> None:
+        self._stream = stream
+        self._live = stream.isatty()
+        self._period = period
+        self._due = 0.0
+
+    def show(self, done: int, total: int, best: float, seconds_per_trial: float, note: str = "") -> None:
+        """Write where things stand.
+
+        Args:
+            done: trials told.
+            total: trials in all.
+            best: best quality so far; NaN for none.
+            seconds_per_trial: mean of late; 0 when unknown.
+            note: what a person should know, empty for nothing.
+        """
+        now = time.monotonic()
+        if not self._live and now < self._due and done < total:
+            return
+        self._due = now + self._period
+        filled = self.BAR_WIDTH * done // max(total, 1)
+        bar = "#" * filled + "-" * (self.BAR_WIDTH - filled)
+        best_text = "-" if math.isnan(best) else f"{best:.4f}"
+        rate = f"{1 / seconds_per_trial:.1f} trials/s" if seconds_per_trial > 0 else "- trials/s"
+        left = f"{(total - done) * seconds_per_trial:.0f} s left" if seconds_per_trial > 0 else "- s left"
+        line = f"[{bar}] {done}/{total} trials | best epsilon {best_text} | {rate} | {left}"
+        self._write(f"{line} | {note}" if note else line)
+
+    def _write(self, line: str) -> None:
+        if self._live:
+            width = shutil.get_terminal_size().columns - 1
+            self._stream.write("\r" + line[:width].ljust(width))
+        else:
+            self._stream.write(line + "\n")
+        self._stream.flush()
+
+    def end(self) -> None:
+        """Leave the line as it is and go to the next."""
+        if self._live:
+            self._stream.write("\n")
+            self._stream.flush()

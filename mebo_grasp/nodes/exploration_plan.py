@@ -1,0 +1,100 @@
+"""What is explored and how: object, search space and optimizer, built from the node's parameters."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mebo_grasp.errors import InvalidPoseError, InvalidSettingsError
+from mebo_grasp.grasp import FloatArray, Pose
+from mebo_grasp.grasping.hand_model import HandModel
+from mebo_grasp.grasping.pose_space import PoseSpace, pose_space_6d, position_space
+from mebo_grasp.grasping.target_object import TargetObject
+from mebo_grasp.nodes.settings import OptimizerNodeSettings
+from mebo_grasp.optimization.optimizer import Optimizer, OptimizerSettings
+from mebo_grasp.optimization.run_log import LoggedOptimizer
+from mebo_grasp.optimization.search_space import SearchSpace
+
+SPACES = {"position": position_space, "pose": pose_space_6d}
+
+
+@dataclass(frozen=True)
+class ExplorationPlan:
+    """Everything that stays fixed during an exploration.
+
+    Args:
+        object_id: name of the object, and of the frame of every pose.
+        pose_space: maps points of the search space to TCP poses.
+        settings: the node's parameters.
+    """
+
+    object_id: str
+    pose_space: PoseSpace
+    settings: OptimizerNodeSettings
+
+    @property
+    def search_space(self) -> SearchSpace:
+        """The box in which the optimizer searches."""
+        space = self.pose_space
+        return SearchSpace(space.names, space.lower, space.upper, space.units)
+
+    def open_optimizer(self) -> LoggedOptimizer:
+        """Return a new optimizer, or the one that the run log tells of.
+
+        Raises:
+            MeboGraspError: a setting is not usable, or the log belongs to another run.
+        """
+        settings, space = self.settings, self.search_space
+        optimizer_settings = OptimizerSettings(
+            budget=settings.budget,
+            n_initial=settings.initial_points,
+            batch_size=settings.batch_size,
+            ucb_beta=settings.ucb_beta,
+            boltzmann_beta=settings.boltzmann_beta,
+            burn_in=settings.burn_in,
+            relearn_period=settings.relearn_period,
+            num_solutions=settings.num_solutions or None,
+            min_distance=settings.min_distance or None,
+        )
+        rng = np.random.default_rng(settings.seed)
+        optimizer = Optimizer(space, settings.method, optimizer_settings, rng)
+        path = Path(settings.run_log) if settings.run_log else None
+        return LoggedOptimizer.open(optimizer, path)
+
+    def set_log_aside(self) -> Path | None:
+        """Rename the run log, so that a new run can begin and nothing is lost; None when there is none."""
+        path = Path(self.settings.run_log)
+        if not self.settings.run_log or not path.exists():
+            return None
+        aside = path.with_name(f"{path.name}.{time.strftime('%Y%m%d-%H%M%S')}")
+        suffix = 0
+        while aside.exists():
+            suffix += 1
+            aside = path.with_name(f"{path.name}.{time.strftime('%Y%m%d-%H%M%S')}-{suffix}")
+        return path.rename(aside)
+
+    def point_of(self, pose: Pose) -> FloatArray | None:
+        """Return the point of the search space that stands for a pose, shape (d,); None outside of it."""
+        try:
+            x = self.pose_space.from_pose(pose)
+        except InvalidPoseError:
+            return None
+        return x if self.search_space.contains(x) else None
+
+
+def make_plan(settings: OptimizerNodeSettings) -> ExplorationPlan:
+    """Build the plan of an exploration.
+
+    Raises:
+        MeboGraspError: the object, the hand, the space or its bounds are not usable.
+    """
+    target = TargetObject.load(settings.object, settings.object_scale)
+    hand = HandModel.load(settings.hand)
+    if settings.space not in SPACES:
+        raise InvalidSettingsError(f"space is '{settings.space}', known are {', '.join(SPACES)}")
+    bounds = (settings.lower_bounds, settings.upper_bounds) if settings.lower_bounds else None
+    pose_space = SPACES[settings.space](target, hand, bounds=bounds)
+    return ExplorationPlan(target.object_id, pose_space, settings)

@@ -1,0 +1,114 @@
+"""``hand_node``: tries candidate poses with a simulated hand and publishes how good each grasp is."""
+
+from __future__ import annotations
+
+import time
+
+from geometry_msgs.msg import PoseStamped
+from mebo_grasp_interfaces.msg import GraspQuality
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from visualization_msgs.msg import MarkerArray
+
+from mebo_grasp.errors import MeboGraspError
+from mebo_grasp.grasp import Grasp, Pose, StampedGrasp
+from mebo_grasp.grasping.hand_model import HandModel
+from mebo_grasp.grasping.simulator import GraspSimulator
+from mebo_grasp.grasping.target_object import TargetObject
+from mebo_grasp.grasping.trial import TrialSettings
+from mebo_grasp.nodes import markers, qos
+from mebo_grasp.nodes.clock import StampSource
+from mebo_grasp.nodes.parameters import declare
+from mebo_grasp.nodes.runtime import guarded, run_node
+from mebo_grasp.nodes.settings import HandNodeSettings
+from msg_adapters.grasp import to_grasp_quality_msg, to_joint_state_msg
+from msg_adapters.pose import from_pose_stamped_msg
+from msg_adapters.time import from_time_msg
+
+
+class HandNode(Node):
+    """Subscribes to ``candidate_pose``; publishes ``grasp_quality``, ``joint_states`` and markers.
+
+    Raises:
+        MeboGraspError: a parameter, the object or the hand description is not usable.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("hand_node")
+        settings = declare(self, HandNodeSettings)
+        self._target = TargetObject.load(settings.object, settings.object_scale)
+        self._hand = HandModel.load(settings.hand)
+        self._simulator = GraspSimulator(
+            self._target,
+            self._hand,
+            TrialSettings(friction=settings.friction, cone_edges=settings.cone_edges),
+        )
+        self._next_stamp = StampSource(lambda: self.get_clock().now().nanoseconds)
+        self._marker_period = 1.0 / settings.marker_rate if settings.marker_rate > 0 else float("inf")
+        self._markers_due = 0.0
+        self._advertise(settings.hand_namespace)
+        self.get_logger().info(
+            f"hand '{self._hand.name}' is ready to grasp '{self._target.object_id}' "
+            f"({' x '.join(f'{1000 * side:.0f}' for side in self._target.extents)} mm); "
+            f"candidates are expected in frame '{self._target.object_id}'"
+        )
+
+    def _advertise(self, hand_namespace: str) -> None:
+        prefix = f"{hand_namespace}/" if hand_namespace else ""
+        self._qualities = self.create_publisher(GraspQuality, "grasp_quality", qos.QUALITIES)
+        self._joints = self.create_publisher(JointState, f"{prefix}joint_states", qos.LATCHED)
+        self._hand_markers = self.create_publisher(MarkerArray, f"{prefix}hand_markers", qos.LATCHED)
+        object_markers = self.create_publisher(MarkerArray, f"{prefix}object_markers", qos.LATCHED)
+        object_markers.publish(markers.object_markers(self._target))
+        description = self.create_publisher(String, f"{prefix}robot_description", qos.LATCHED)
+        description.publish(String(data=self._hand.urdf_path.read_text(encoding="utf-8")))
+        self.create_subscription(PoseStamped, f"{prefix}candidate_pose", self._on_candidate, qos.CANDIDATES)
+
+    @guarded
+    def _on_candidate(self, candidate: PoseStamped) -> None:
+        # The header goes back as it came; only a stamp of zero, as typed by hand, is given an identity.
+        stamp_ns = from_time_msg(candidate.header.stamp) or self._next_stamp()
+        grasp = self._try_candidate(candidate)
+        self._qualities.publish(
+            to_grasp_quality_msg(StampedGrasp(stamp_ns, grasp), candidate.header.frame_id)
+        )
+        if grasp.hand_posture.names:
+            self._joints.publish(to_joint_state_msg(grasp.hand_posture, stamp_ns))
+        self._show(grasp)
+
+    def _try_candidate(self, candidate: PoseStamped) -> Grasp:
+        object_id, hand = self._target.object_id, self._hand.name
+        try:
+            T_object_tcp = from_pose_stamped_msg(candidate, expected_frame=object_id)
+        except MeboGraspError as error:
+            self.get_logger().warning(f"candidate refused: {error}")
+            return Grasp.failed(Pose.identity(), str(error), object_id, hand)
+        try:
+            return self._simulator.trial(T_object_tcp)
+        except Exception as error:
+            # The optimizer must hear of every trial, also of one that breaks the simulator.
+            message = f"{type(error).__name__}: {error}"
+            self.get_logger().error(f"trial failed: {message}")
+            return Grasp.failed(T_object_tcp, message, object_id, hand)
+
+    def _show(self, grasp: Grasp) -> None:
+        now = time.monotonic()
+        if now < self._markers_due or not grasp.hand_posture.names:
+            return
+        self._markers_due = now + self._marker_period
+        self._hand_markers.publish(markers.grasp_markers([grasp], self._hand, self._target.object_id))
+
+    def destroy_node(self) -> None:
+        """Stop the simulator, then the node."""
+        self._simulator.close()
+        super().destroy_node()
+
+
+def main() -> None:
+    """Run the node until it is stopped."""
+    run_node(HandNode)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,117 @@
+"""The thread in which the optimizer computes, so that callbacks are never kept waiting.
+
+The optimizer belongs to the thread alone. The node puts commands in and takes events out; nothing else is
+shared.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mebo_grasp.grasp import FloatArray
+from mebo_grasp.optimization.optimizer import Trial
+from mebo_grasp.optimization.run_log import LoggedOptimizer
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where the optimization stands after a command."""
+
+    told: int
+    failed: int
+    finished: bool
+    best_quality: float | None
+    phase: str
+
+
+@dataclass(frozen=True)
+class Event:
+    """What one command came to: trials of an ask, or the error that stopped it."""
+
+    progress: Progress
+    trials: tuple[Trial, ...] = ()
+    asked: bool = False
+    error: Exception | None = None
+
+
+Command = Callable[[LoggedOptimizer], tuple[Trial, ...] | None]
+
+
+class OptimizerWorker:
+    """Runs one optimizer in a thread of its own.
+
+    Args:
+        optimizer: what computes; not to be touched by anybody else from now on.
+        on_event: called from the thread after each command, to wake whoever takes the events.
+    """
+
+    def __init__(self, optimizer: LoggedOptimizer, on_event: Callable[[], None]) -> None:
+        self._optimizer = optimizer
+        self._on_event = on_event
+        self.progress = self._progress()
+        """Where the optimization stood before the thread began."""
+        self._commands: queue.SimpleQueue[tuple[Command, bool] | None] = queue.SimpleQueue()
+        self._events: queue.SimpleQueue[Event] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._run, name="optimizer", daemon=True)
+        self._thread.start()
+
+    def ask(self, count: int | None = None) -> None:
+        """Order the next batch; it comes as an event."""
+        self._commands.put((lambda optimizer: tuple(optimizer.ask(count)), True))
+
+    def tell(self, trial_id: int, value: float) -> None:
+        """Pass on the value of a trial."""
+        self._commands.put((lambda optimizer: optimizer.tell(trial_id, value), False))
+
+    def tell_failed(self, trial_id: int, reason: str) -> None:
+        """Pass on that a trial gave no value."""
+        self._commands.put((lambda optimizer: optimizer.tell_failed(trial_id, reason), False))
+
+    def observe(self, x: FloatArray, value: float) -> None:
+        """Pass on a result that somebody else asked for."""
+        self._commands.put((lambda optimizer: optimizer.observe(x, value), False))
+
+    def events(self) -> list[Event]:
+        """Take every event that has come since the last call."""
+        taken: list[Event] = []
+        while True:
+            try:
+                taken.append(self._events.get_nowait())
+            except queue.Empty:
+                return taken
+
+    def stop(self, timeout: float = 10.0) -> None:
+        """Finish the commands given so far and end the thread."""
+        self._commands.put(None)
+        self._thread.join(timeout)
+
+    def _run(self) -> None:
+        while (item := self._commands.get()) is not None:
+            command, asks = item
+            self._events.put(self._execute(command, asks))
+            self._on_event()
+        self._optimizer.close()
+
+    def _execute(self, command: Command, asks: bool) -> Event:
+        trials: tuple[Trial, ...] = ()
+        error: Exception | None = None
+        try:
+            trials = command(self._optimizer) or ()
+        except Exception as raised:
+            # The thread must outlive a bad tell; the node logs the error.
+            error = raised
+        return Event(self._progress(), trials, asks, error)
+
+    def _progress(self) -> Progress:
+        optimizer = self._optimizer
+        incumbent = optimizer.incumbent
+        return Progress(
+            told=optimizer.n_told + optimizer.n_failed,
+            failed=optimizer.n_failed,
+            finished=optimizer.finished,
+            best_quality=None if incumbent is None else float(incumbent.value),
+            phase=optimizer.phase,
+        )

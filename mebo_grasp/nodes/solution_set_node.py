@@ -1,0 +1,227 @@
+"""``solution_set_node``: stores every trial, keeps the diverse grasps and answers what is best now."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped
+from mebo_grasp_interfaces.msg import GraspQuality, OcclusionArray
+from mebo_grasp_interfaces.msg import SolutionSet as SolutionSetMsg
+from mebo_grasp_interfaces.srv import GetBestGrasp, GetSolutionSet, ResetArchive
+from rclpy.node import Node
+from visualization_msgs.msg import MarkerArray
+
+from mebo_grasp.errors import MeboGraspError, WrongFrameError
+from mebo_grasp.nodes import markers, qos
+from mebo_grasp.nodes.parameters import declare
+from mebo_grasp.nodes.runtime import guarded, guarded_service, run_node
+from mebo_grasp.nodes.settings import SolutionSetNodeSettings
+from mebo_grasp.solutions.archive import AddStatus, SolutionArchive
+from mebo_grasp.solutions.best_grasp import BestGraspQuery
+from mebo_grasp.solutions.diversity import PoseMetric
+from mebo_grasp.solutions.occlusion import Occlusion
+from mebo_grasp.solutions.solution_set import SolutionSet
+from msg_adapters.grasp import from_grasp_quality_msg, to_grasp_quality_msg
+from msg_adapters.occlusion import from_occlusion_array_msg, from_occlusion_msgs
+from msg_adapters.pose import to_pose_stamped_msg
+from msg_adapters.solution_set import to_solution_set_msg
+from msg_adapters.time import to_time_msg
+
+
+def default_database(object_id: str) -> Path:
+    """Return the file in which the trials of an object are stored when none is named."""
+    home = os.environ.get("ROS_HOME") or str(Path.home() / ".ros")
+    return Path(home) / "mebo_grasp" / f"{object_id}.db"
+
+
+class SolutionSetNode(Node):
+    """Subscribes to ``grasp_quality`` and ``occlusions``; publishes the set and serves the best grasp.
+
+    Raises:
+        MeboGraspError: a parameter is not usable, or the database cannot be opened.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("solution_set_node")
+        self._settings = declare(self, SolutionSetNodeSettings)
+        self._object_id = Path(self._settings.object).stem
+        self._occlusions: tuple[Occlusion, ...] = ()
+        self._set_changed = True
+        self._published_best: int | None = None
+        self._open_archive()
+        self._advertise()
+        self._publish_best()
+        self._publish_set()
+
+    def _open_archive(self) -> None:
+        path = Path(self._settings.database or default_database(self._object_id))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        metric = PoseMetric(rotation_weight=self._settings.rotation_weight)
+        start = time.perf_counter()
+        self._archive = SolutionArchive(path, self._object_id, metric)
+        self.get_logger().info(
+            f"{len(self._archive)} trials of '{self._object_id}' in {path} "
+            f"(opened in {time.perf_counter() - start:.2f} s)"
+        )
+
+    def _advertise(self) -> None:
+        self._best_publisher = self.create_publisher(PoseStamped, "best_grasp", qos.LATCHED)
+        self._set_publisher = self.create_publisher(SolutionSetMsg, "solution_set", qos.LATCHED)
+        self._marker_publisher = self.create_publisher(MarkerArray, "solution_markers", qos.LATCHED)
+        self.create_service(GetBestGrasp, "get_best_grasp", self._on_get_best_grasp)
+        self.create_service(GetSolutionSet, "get_solution_set", self._on_get_solution_set)
+        self.create_service(ResetArchive, "~/reset", self._on_reset)
+        self.create_subscription(OcclusionArray, "occlusions", self._on_occlusions, qos.LATCHED)
+        self.create_subscription(GraspQuality, "grasp_quality", self._on_quality, qos.QUALITIES)
+        self.create_timer(1.0 / self._settings.publish_rate, self._on_publish_timer)
+
+    @guarded
+    def _on_quality(self, message: GraspQuality) -> None:
+        if message.object_id and message.object_id != self._object_id:
+            return  # another exploration on the same topic
+        trial = from_grasp_quality_msg(message, expected_frame=self._object_id)
+        status = self._archive.add(trial)
+        if status is AddStatus.DUPLICATE:
+            return
+        self._set_changed = True
+        self._publish_best()
+
+    @guarded
+    def _on_occlusions(self, message: OcclusionArray) -> None:
+        self._occlusions = from_occlusion_array_msg(message, expected_frame=self._object_id)
+        self._publish_best()
+        self._publish_set()
+
+    @guarded_service(GetBestGrasp.Response.INTERNAL_ERROR)
+    def _on_get_best_grasp(
+        self, request: GetBestGrasp.Request, response: GetBestGrasp.Response
+    ) -> GetBestGrasp.Response:
+        try:
+            query = self._to_query(request)
+        except WrongFrameError as error:
+            return _refuse(response, response.WRONG_FRAME, error)
+        except MeboGraspError as error:
+            return _refuse(response, response.INVALID_REQUEST, error)
+        answer = self._archive.best(query)
+        response.considered, response.occluded = answer.considered, answer.occluded
+        response.grasps = [to_grasp_quality_msg(grasp, self._object_id) for grasp in answer.grasps]
+        if not answer.grasps:
+            blocked = answer.considered > 0
+            response.error_code = response.ALL_OCCLUDED if blocked else response.NO_GRASP_STORED
+            response.message = _explain_nothing(answer.considered, request.min_quality, query)
+        return response
+
+    def _to_query(self, request: GetBestGrasp.Request) -> BestGraspQuery:
+        own = from_occlusion_msgs(request.occlusions, expected_frame=self._object_id)
+        known = () if request.ignore_known else self._occlusions
+        return BestGraspQuery(
+            occlusions=(*known, *own),
+            max_grasps=request.max_grasps or 1,
+            min_quality=request.min_quality,
+            min_diversity=request.min_diversity,
+        )
+
+    @guarded_service(GetSolutionSet.Response.INTERNAL_ERROR)
+    def _on_get_solution_set(
+        self, request: GetSolutionSet.Request, response: GetSolutionSet.Response
+    ) -> GetSolutionSet.Response:
+        distance = request.min_diversity or self._settings.min_distance
+        if not (math.isfinite(distance) and distance >= 0.0):
+            error = f"min_diversity must be a finite number of at least 0, got {request.min_diversity}"
+            return _refuse(response, response.INVALID_REQUEST, error)
+        solutions = self._archive.solution_set(request.size or self._settings.size, distance)
+        response.solution_set = self._to_message(solutions)
+        if not solutions.grasps:
+            response.error_code = response.NO_GRASP_STORED
+            response.message = f"no grasp of '{self._object_id}' with a quality above 0 is stored yet"
+        return response
+
+    @guarded_service(ResetArchive.Response.INTERNAL_ERROR)
+    def _on_reset(
+        self, request: ResetArchive.Request, response: ResetArchive.Response
+    ) -> ResetArchive.Response:
+        if request.object_id != self._object_id:
+            error = f"object_id is '{request.object_id}', but this node keeps '{self._object_id}'"
+            return _refuse(response, response.WRONG_OBJECT, error)
+        response.deleted = self._archive.reset(self._object_id)
+        self.get_logger().warning(f"{response.deleted} trials of '{self._object_id}' were deleted on request")
+        self._publish_best()
+        self._publish_set()
+        return response
+
+    @guarded
+    def _on_publish_timer(self) -> None:
+        if self._set_changed:
+            self._publish_set()
+
+    def _publish_best(self) -> None:
+        answer = self._archive.best(BestGraspQuery(occlusions=self._occlusions))
+        best = answer.grasps[0] if answer.grasps else None
+        stamp_ns = None if best is None else best.stamp_ns
+        if stamp_ns == self._published_best:
+            return
+        self._published_best = stamp_ns
+        if best is None:
+            # The topic is latched: without this a late subscriber would use the grasp that is now blocked.
+            self._best_publisher.publish(no_grasp_msg(self._now_ns(), self._object_id))
+        else:
+            self._best_publisher.publish(
+                to_pose_stamped_msg(best.stamp_ns, self._object_id, best.grasp.T_object_tcp)
+            )
+
+    def _publish_set(self) -> None:
+        self._set_changed = False
+        solutions = self._archive.solution_set(
+            self._settings.size, self._settings.min_distance, self._occlusions
+        )
+        self._set_publisher.publish(self._to_message(solutions))
+        shown = [stamped.grasp for stamped in solutions.grasps]
+        self._marker_publisher.publish(markers.solution_markers(shown, self._occlusions, self._object_id))
+
+    def _to_message(self, solutions: SolutionSet) -> SolutionSetMsg:
+        message = to_solution_set_msg(solutions, self._now_ns())
+        message.stored = len(self._archive)
+        return message
+
+    def _now_ns(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
+    def destroy_node(self) -> None:
+        """Close the database, then the node."""
+        self._archive.close()
+        super().destroy_node()
+
+
+def no_grasp_msg(stamp_ns: int, frame_id: str) -> PoseStamped:
+    """Return the message that says on ``best_grasp`` that no grasp is left: a position of NaN."""
+    message = PoseStamped()
+    message.header.stamp = to_time_msg(stamp_ns)
+    message.header.frame_id = frame_id
+    message.pose.position.x = message.pose.position.y = message.pose.position.z = math.nan
+    return message
+
+
+def _refuse(response: Any, error_code: int, reason: object) -> Any:
+    response.error_code = error_code
+    response.message = str(reason)
+    return response
+
+
+def _explain_nothing(considered: int, min_quality: float, query: BestGraspQuery) -> str:
+    if considered:
+        names = ", ".join(f"'{occlusion.id}'" for occlusion in query.occlusions)
+        return f"all {considered} grasps of enough quality are blocked by {names}"
+    return f"no grasp with a quality above {max(min_quality, 0.0):g} is stored"
+
+
+def main() -> None:
+    """Run the node until it is stopped."""
+    run_node(SolutionSetNode)
+
+
+if __name__ == "__main__":
+    main()
