@@ -1,0 +1,89 @@
+"""Poses: ``geometry_msgs`` and ``mebo_grasp.grasp.Pose``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from geometry_msgs.msg import Point, PoseArray, PoseStamped, Quaternion, Vector3
+from geometry_msgs.msg import Pose as PoseMsg
+
+from mebo_grasp.grasp import FloatArray, Pose
+from msg_adapters.checks import require_frame
+from msg_adapters.time import to_time_msg
+
+
+def to_pose_msg(pose: Pose) -> PoseMsg:
+    """Return the message of a pose."""
+    x, y, z, w = map(float, pose.quaternion_xyzw)
+    return PoseMsg(position=to_point_msg(pose.position), orientation=Quaternion(x=x, y=y, z=z, w=w))
+
+
+def from_pose_msg(message: PoseMsg) -> Pose:
+    """Return the pose of a message.
+
+    Raises:
+        InvalidPoseError: a number is not finite or the quaternion is not of unit norm.
+    """
+    orientation = message.orientation
+    return Pose(
+        from_point_msg(message.position),
+        np.array([orientation.x, orientation.y, orientation.z, orientation.w]),
+    )
+
+
+def to_pose_stamped_msg(stamp_ns: int, frame_id: str, pose: Pose) -> PoseStamped:
+    """Return the message of a pose with its identity and its frame.
+
+    Args:
+        stamp_ns: nanoseconds since the epoch.
+        frame_id: the parent frame of the pose.
+        pose: to be sent.
+
+    Raises:
+        InvalidMessageError: the stamp does not fit into a message.
+    """
+    message = PoseStamped(pose=to_pose_msg(pose))
+    message.header.stamp = to_time_msg(stamp_ns)
+    message.header.frame_id = frame_id
+    return message
+
+
+def from_pose_stamped_msg(message: PoseStamped, expected_frame: str) -> Pose:
+    """Return the pose of a message; its stamp is read with ``from_time_msg``.
+
+    Raises:
+        WrongFrameError: the message is given in another frame.
+        InvalidPoseError: a number is not finite or the quaternion is not of unit norm.
+    """
+    require_frame(message.header.frame_id, expected_frame, "a stamped pose")
+    return from_pose_msg(message.pose)
+
+
+def to_pose_array_msg(stamp_ns: int, frame_id: str, poses: Iterable[Pose]) -> PoseArray:
+    """Return several poses of one frame as one message, as RViz shows them.
+
+    Raises:
+        InvalidMessageError: the stamp does not fit into a message.
+    """
+    message = PoseArray(poses=[to_pose_msg(pose) for pose in poses])
+    message.header.stamp = to_time_msg(stamp_ns)
+    message.header.frame_id = frame_id
+    return message
+
+
+def to_point_msg(point: FloatArray) -> Point:
+    """Return the message of a point, shape (3,), metres."""
+    x, y, z = map(float, point)
+    return Point(x=x, y=y, z=z)
+
+
+def to_vector_msg(vector: FloatArray) -> Vector3:
+    """Return the message of a vector, shape (3,)."""
+    x, y, z = map(float, vector)
+    return Vector3(x=x, y=y, z=z)
+
+
+def from_point_msg(message: Point | Vector3) -> FloatArray:
+    """Return the numbers of a point or vector, shape (3,), not yet checked."""
+    return np.array([message.x, message.y, message.z], dtype=np.float64)
