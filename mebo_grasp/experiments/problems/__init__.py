@@ -1,0 +1,22 @@
+"""Benchmark problems with known optima: the CEC 2013 niching suite, its random transforms, classics."""
+
+from mebo_grasp.experiments.problems.cec2013 import (
+    ALL_FUNCTIONS,
+    THESIS_FUNCTIONS,
+    get_problem,
+    select_problems,
+)
+from mebo_grasp.experiments.problems.classic import BATCH_VARIANCE_FUNCTIONS, get_classic
+from mebo_grasp.experiments.problems.problem import Problem
+from mebo_grasp.experiments.problems.transformed import transform
+
+__all__ = [
+    "ALL_FUNCTIONS",
+    "BATCH_VARIANCE_FUNCTIONS",
+    "THESIS_FUNCTIONS",
+    "Problem",
+    "get_classic",
+    "get_problem",
+    "select_problems",
+    "transform",
+]
