@@ -6,12 +6,12 @@ import math
 from typing import Any
 
 import numpy as np
-from mebo_grasp_interfaces.msg import GraspContact as GraspContactMsg
-from mebo_grasp_interfaces.msg import GraspQuality
 from sensor_msgs.msg import JointState
 
 from mebo_grasp.errors import InvalidMessageError
 from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, HandPosture, StampedGrasp
+from mebo_grasp_interfaces.msg import GraspContact as GraspContactMsg
+from mebo_grasp_interfaces.msg import GraspQuality
 from msg_adapters.checks import require_finite, require_frame
 from msg_adapters.pose import (
     from_point_msg,
@@ -22,6 +22,7 @@ from msg_adapters.pose import (
 )
 from msg_adapters.time import from_duration_msg, from_time_msg, to_duration_msg, to_time_msg
 
+ROUNDING = 1e-9
 NORMAL_TOLERANCE = 1e-3
 """Largest deviation of a contact normal from unit length that is taken for rounding and mended."""
 
@@ -126,7 +127,7 @@ def from_grasp_contact_msg(message: GraspContactMsg) -> GraspContact:
     """
     normal = from_point_msg(message.normal)
     length = float(np.linalg.norm(normal))
-    if abs(length - 1.0) <= NORMAL_TOLERANCE:
+    if ROUNDING < abs(length - 1.0) <= NORMAL_TOLERANCE:
         normal = normal / length
     return GraspContact(message.link, from_point_msg(message.position), normal)
 
