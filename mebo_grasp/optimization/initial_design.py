@@ -13,9 +13,12 @@ from mebo_grasp.grasp import FloatArray
 
 
 def _engine(kind: Any, dim: int, rng: np.random.Generator, **options: Any) -> Any:
+    # scipy spawns a child of a generator it is given, and children come from the seed, not from the state: a
+    # generator restored from a log would give other points. A fresh one, seeded by a draw, does not.
+    child = np.random.default_rng(int(rng.integers(2**63)))
     # scipy renamed the argument from seed to rng in 1.15; both releases are supported.
     name = "rng" if "rng" in inspect.signature(kind).parameters else "seed"
-    return kind(d=dim, **{name: rng}, **options)
+    return kind(d=dim, **{name: child}, **options)
 
 
 def _check(n: int, dim: int) -> None:

@@ -58,7 +58,7 @@ class Observations:
         return len(self._U.rows)
 
     @property
-    def U(self) -> FloatArray:
+    def U(self) -> FloatArray:  # noqa: N802
         """Points with a value, shape (n, d), unit cube, in the order of arrival; read-only."""
         return self._U.rows
 
@@ -112,7 +112,7 @@ class Observations:
         """
         point = self._checked(u)
         if not np.isfinite(value):
-            raise InvalidSettingsError(f"the value of a trial must be finite, got {value}; tell a failure instead")
+            raise InvalidSettingsError(f"the value of a trial must be finite, got {value}")
         self._U.append(point)
         self._y.append([value])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +20,7 @@ from mebo_grasp.optimization.search_space import SearchSpace, read_only
 INITIAL_PHASE = "initial design"
 
 OptimizerSettings = MethodSettings
-"""The optimizer and its method share one record, so that budget and batch size cannot contradict each other."""
+"""One record for the optimizer and its method, so that budget and batch size cannot contradict each other."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +160,30 @@ class Optimizer:
             trials += self._open_trials(points, self.method.phase)
         return trials
 
+    def reopen(
+        self,
+        trials: list[tuple[int, list[float], str]],
+        method_state: dict[str, Any],
+        rng: np.random.Generator,
+    ) -> None:
+        """Repeat a recorded ask without computing it; for resuming a run from its log.
+
+        Args:
+            trials: (id, point in the unit cube, phase) of each trial.
+            method_state: the method's state after that ask.
+            rng: generator in its state after that ask.
+
+        Raises:
+            TrialStateError: the ids do not continue those asked for so far.
+            RunLogError: the method does not understand the state.
+        """
+        for trial_id, u, phase in trials:
+            if trial_id != self._n_asked:
+                raise TrialStateError(f"expected trial {self._n_asked} next, got {trial_id}")
+            self._open_trials(np.array([u], dtype=np.float64), phase)
+        self.method.restore(method_state)
+        self.rng = rng
+
     def _default_count(self, initial_rest: int) -> int:
         batch = self.settings.batch_size
         return min(batch, initial_rest) if initial_rest > 0 else batch
@@ -240,5 +265,5 @@ class Optimizer:
     def _checked_value(value: float) -> float:
         number = float(value)
         if not math.isfinite(number):
-            raise InvalidSettingsError(f"the value of a trial must be finite, got {number}; use tell_failed instead")
+            raise InvalidSettingsError(f"the value of a trial must be finite, got {number}; or tell_failed")
         return number

@@ -76,7 +76,7 @@ class SearchSpace:
 
     @classmethod
     def unit_cube(cls, dim: int) -> SearchSpace:
-        """Return [0, 1]^dim with names x0, x1, …"""
+        """Return [0, 1]^dim with names x0, x1 and so on."""
         return cls(tuple(f"x{i}" for i in range(dim)), np.zeros(dim), np.ones(dim))
 
     @property
@@ -93,7 +93,7 @@ class SearchSpace:
     def from_unit(self, u: npt.ArrayLike) -> FloatArray:
         """Map unit-cube points, shape (..., d), to real units; the result never leaves the box."""
         u = np.asarray(u, dtype=np.float64)
-        # The convex combination hits both bounds exactly; lower + u * range may miss the upper one by rounding.
+        # The convex combination hits both bounds exactly; lower + u * range may miss the upper by rounding.
         x: FloatArray = np.clip((1.0 - u) * self.lower + u * self.upper, self.lower, self.upper)
         return x
 

@@ -30,7 +30,7 @@ def log_normalized_improvement(t: FloatArray) -> FloatArray:
     result[near] = np.log(normal_density(t[near]) + t[near] * ndtr(t[near]))
     far = ~near
     tail = t[far]
-    # Phi(t) = phi(t) sqrt(pi/2) erfcx(-t/sqrt2): the improvement is phi(t) (1 - |t| sqrt(pi/2) erfcx(|t|/sqrt2)).
+    # Phi(t) = phi(t) sqrt(pi/2) erfcx(|t|/sqrt2), so the improvement is phi(t) (1 - |t| sqrt(pi/2) erfcx(…)).
     ratio = np.sqrt(np.pi / 2.0) * erfcx(-tail / np.sqrt(2.0)) * -tail
     with np.errstate(divide="ignore"):
         share = np.where(tail > -1e3, np.log1p(-np.minimum(ratio, 1.0)), -2.0 * np.log(-tail))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import FloatArray
@@ -93,7 +94,7 @@ class LogTarget:
 
 
 def metropolis_hastings(
-    log_density: object,
+    log_density: Callable[[FloatArray], FloatArray],
     starts: FloatArray,
     n_steps: int,
     box: Box,
@@ -115,7 +116,6 @@ def metropolis_hastings(
     Returns:
         States after ``n_steps`` proposals, shape (m, d).
     """
-    assert callable(log_density)
     m, dim = starts.shape
     side = box.upper - box.lower
     states = starts.copy()
@@ -130,7 +130,7 @@ def metropolis_hastings(
         proposals = np.clip(proposals, box.lower, box.upper)
         proposed = log_density(proposals)
         with np.errstate(invalid="ignore"):
-            # From a state of density zero (log -inf) every proposal is accepted: the ratio has no meaning there.
+            # From a state of density zero (log -inf) the ratio has no meaning; every proposal is accepted.
             gain = np.where(np.isneginf(current), 0.0, proposed - current)
         accepted = inside & (log_uniforms[step] < gain)
         states = np.where(accepted[:, None], proposals, states)
@@ -201,7 +201,7 @@ def draw(
     return np.stack([rows[rng.permutation(chains)[:per_acquisition]] for rows in ends])
 
 
-def _resample(log_weights: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
+def _resample(log_weights: FloatArray, count: int, rng: np.random.Generator) -> npt.NDArray[np.int64]:
     """Indices, shape (count,), drawn in proportion to exp(log_weights); uniform if all vanish."""
     top = float(np.max(log_weights))
     weights = np.exp(log_weights - top) if np.isfinite(top) else np.ones_like(log_weights)

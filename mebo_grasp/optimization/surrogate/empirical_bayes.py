@@ -47,17 +47,15 @@ class EmpiricalBayesSurrogate:
         return self._hyperparameters
 
     def update(self, observations: Observations, rng: np.random.Generator) -> GaussianProcess:
-        """Return the posterior given all values; relearns when the period has passed. One call an iteration."""
+        """Return the posterior given all values; relearns when due. To be called once an iteration."""
         known = self._iterations_since_learning is not None
-        if not known or (self._iterations_since_learning or 0) >= self._period:
-            # Nothing can be learned from fewer than two values or from equal ones: the prior stays.
-            if observations.n >= 2 and np.ptp(observations.y) > 0.0:
-                z, _, _ = standardize(observations.y)
-                current = self._hyperparameters if known else None
-                self._hyperparameters, _ = learn(
-                    observations.U, z, self._kernel, current, rng, self._learning
-                )
-                self._iterations_since_learning = 0
+        due = not known or (self._iterations_since_learning or 0) >= self._period
+        # Nothing can be learned from fewer than two values or from equal ones: the prior stays.
+        if due and observations.n >= 2 and np.ptp(observations.y) > 0.0:
+            z, _, _ = standardize(observations.y)
+            current = self._hyperparameters if known else None
+            self._hyperparameters, _ = learn(observations.U, z, self._kernel, current, rng, self._learning)
+            self._iterations_since_learning = 0
         if self._iterations_since_learning is not None:
             self._iterations_since_learning += 1
         return GaussianProcess.fit(observations.U, observations.y, self._hyperparameters, self._kernel)
@@ -82,7 +80,8 @@ class EmpiricalBayesSurrogate:
             raise RunLogError(f"the surrogate's state is unreadable: {error!r}") from error
         if vector.shape != self._hyperparameters.vector.shape or not np.all(np.isfinite(vector)):
             raise RunLogError(
-                f"the surrogate's state needs {self._hyperparameters.vector.size} finite parameters, got {vector.size}"
+                f"the surrogate's state needs {self._hyperparameters.vector.size} finite parameters, "
+                f"got {vector.tolist()}"
             )
         self._hyperparameters = Hyperparameters.from_vector(vector)
         self._iterations_since_learning = None if count is None else int(count)

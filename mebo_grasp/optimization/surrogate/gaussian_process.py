@@ -227,7 +227,9 @@ class GaussianProcess:
         weights, _ = lapack.dpotrs(L, z, lower=1)
         return replace(self, U=U, z=z, L=L, weights=weights)
 
-    def sample_path(self, rng: np.random.Generator, n_features: int = 1024) -> Callable[[FloatArray], FloatArray]:
+    def sample_path(
+        self, rng: np.random.Generator, n_features: int = 1024
+    ) -> Callable[[FloatArray], FloatArray]:
         """Draw one function from the posterior.
 
         A prior draw by spectral features is corrected by the kernel to pass through the data (Wilson et
@@ -258,7 +260,7 @@ class GaussianProcess:
         if self.n == 0:
             return 0.0
         log_determinant = 2.0 * float(np.sum(np.log(np.diag(self.L))))
-        return -0.5 * (float(self.z @ self.weights) + log_determinant + self.n * np.log(2.0 * np.pi))
+        return float(-0.5 * (self.z @ self.weights + log_determinant + self.n * np.log(2.0 * np.pi)))
 
 
 def log_marginal_likelihood_and_gradient(

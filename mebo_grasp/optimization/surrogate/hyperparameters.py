@@ -1,4 +1,4 @@
-"""Empirical Bayes: the most probable hyperparameters under log-normal priors, by L-BFGS-B with exact gradients."""
+"""Empirical Bayes: the most probable hyperparameters under log-normal priors, by L-BFGS-B."""
 
 from __future__ import annotations
 
@@ -112,24 +112,32 @@ def learn(
 
 
 def _starts(
-    prior: LogNormalPrior, current: Hyperparameters | None, rng: np.random.Generator, settings: LearningSettings
+    prior: LogNormalPrior,
+    current: Hyperparameters | None,
+    rng: np.random.Generator,
+    settings: LearningSettings,
 ) -> list[FloatArray]:
     starts = [] if current is None else [current.vector]
     if settings.n_starts or not starts:
         starts.append(prior.mean)
-    for _ in range(settings.n_starts - 1):
-        starts.append(prior.mean + prior.sd * rng.standard_normal(len(prior.mean)))
+    draws = rng.standard_normal((max(0, settings.n_starts - 1), len(prior.mean)))
+    starts.extend(prior.mean + prior.sd * draws)
     return [np.clip(start, prior.lower, prior.upper) for start in starts]
 
 
 def _climb(
-    start: FloatArray, U: FloatArray, z: FloatArray, kernel: Kernel, prior: LogNormalPrior, max_iterations: int
+    start: FloatArray,
+    U: FloatArray,
+    z: FloatArray,
+    kernel: Kernel,
+    prior: LogNormalPrior,
+    max_iterations: int,
 ) -> tuple[FloatArray, float]:
     def objective(vector: FloatArray) -> tuple[float, FloatArray]:
         try:
             value, gradient = log_posterior_and_gradient(vector, U, z, kernel, prior)
         except InvalidSettingsError:
-            # A corner where the covariance is numerically singular is as bad as any; the line search backs off.
+            # Where the covariance is numerically singular the line search shall back off.
             return 1e25, np.zeros_like(vector)
         return -value, -gradient
 

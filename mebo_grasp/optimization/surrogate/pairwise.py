@@ -67,7 +67,7 @@ def squared_distances(point: FloatArray, B_T: FloatArray, out: FloatArray) -> No
 
 @njit(cache=True, fastmath=_FLAGS)
 def matern52(A: FloatArray, B_T: FloatArray, variance: float) -> FloatArray:
-    """Matérn 5/2 covariances, shape (m, n), of ``A``, shape (m, d), and the columns of ``B_T``, shape (d, n)."""
+    """Matérn 5/2 covariances, shape (m, n), of ``A`` (m, d) and the columns of ``B_T`` (d, n)."""
     m, n = A.shape[0], B_T.shape[1]
     K = np.empty((m, n))
     factor, power = np.empty(n), np.empty(n)
