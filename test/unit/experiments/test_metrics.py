@@ -90,7 +90,7 @@ def test_radius_rule_tells_peaks_apart_and_stops_at_the_last_new_one() -> None:
 def test_radius_rule_has_the_tolerance_of_a_tenth_at_rastrigin() -> None:
     # -2 - 9 (1 - cos(6 pi dx)): dx = 0.0075 gives -2.0897, dx = 0.0085 gives -2.115.
     peak = RASTRIGIN.optima[0]
-    inside, outside = peak + [0.0075, 0.0], peak + [0.0085, 0.0]
+    inside, outside = peak + np.array([0.0075, 0.0]), peak + np.array([0.0085, 0.0])
     assert thesis_score(RASTRIGIN, inside[None], RASTRIGIN([inside])).found == 1
     assert thesis_score(RASTRIGIN, outside[None], RASTRIGIN([outside])).found == 0
 

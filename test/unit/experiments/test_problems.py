@@ -72,11 +72,12 @@ def _maxima_by_search(problem: Problem, per_axis: int) -> np.ndarray:
     spread = problem.optimum_value - np.median(values)
     starts = grid[is_peak & (values > problem.optimum_value - 0.5 * spread)]
     bounds = list(zip(problem.lower, problem.upper, strict=True))
+    apart = 1e-3 * np.max(problem.upper - problem.lower)
     found: list[np.ndarray] = []
     for start in starts:
         best = minimize(lambda x: -problem.function(x[None])[0], start, bounds=bounds, method="Nelder-Mead").x
         is_global = problem(best[None])[0] > problem.optimum_value - 1e-4 * spread
-        if is_global and all(np.linalg.norm(best - f) > 1e-3 * np.max(problem.upper - problem.lower) for f in found):
+        if is_global and all(np.linalg.norm(best - f) > apart for f in found):
             found.append(best)
     return np.array(found)
 
@@ -151,7 +152,9 @@ def test_compositions_agree_with_ioh_where_it_is_installed() -> None:
         np.testing.assert_allclose(problem(X), [other(list(x)) for x in X], rtol=1e-8)
 
 
-@pytest.mark.parametrize(("family", "dim", "message"), [("CF5", 2, "must be one of"), ("CF4", 7, "dimensions")])
+@pytest.mark.parametrize(
+    ("family", "dim", "message"), [("CF5", 2, "must be one of"), ("CF4", 7, "dimensions")]
+)
 def test_unknown_composition_is_refused(family: str, dim: int, message: str) -> None:
     with pytest.raises(InvalidSettingsError, match=message):
         composition(family, dim)
@@ -200,7 +203,9 @@ def test_transformed_problem_keeps_value_number_and_box(name: str, seed: int) ->
     np.testing.assert_allclose(moved_gaps, moved.scale * gaps, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["five_uneven_peak_trap", "equal_maxima", "himmelblau", "modified_rastrigin"])
+@pytest.mark.parametrize(
+    "name", ["five_uneven_peak_trap", "equal_maxima", "himmelblau", "modified_rastrigin"]
+)
 def test_transform_adds_no_optimum_and_loses_none(name: str) -> None:
     moved = transform(get_problem(name), 4)
     found = _maxima_by_search(moved, per_axis=3001 if moved.dim == 1 else 301)
