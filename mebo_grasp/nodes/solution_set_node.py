@@ -112,7 +112,7 @@ class SolutionSetNode(Node):
         if not answer.grasps:
             blocked = answer.considered > 0
             response.error_code = response.ALL_OCCLUDED if blocked else response.NO_GRASP_STORED
-            response.message = _explain_nothing(answer.considered, request.min_quality, query)
+            response.message = answer.explanation
         return response
 
     def _to_query(self, request: GetBestGrasp.Request) -> BestGraspQuery:
@@ -209,13 +209,6 @@ def _refuse(response: Any, error_code: int, reason: object) -> Any:
     response.error_code = error_code
     response.message = str(reason)
     return response
-
-
-def _explain_nothing(considered: int, min_quality: float, query: BestGraspQuery) -> str:
-    if considered:
-        names = ", ".join(f"'{occlusion.id}'" for occlusion in query.occlusions)
-        return f"all {considered} grasps of enough quality are blocked by {names}"
-    return f"no grasp with a quality above {max(min_quality, 0.0):g} is stored"
 
 
 def main() -> None:

@@ -1,0 +1,127 @@
+"""The hand node: every candidate is answered, whatever it is."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from geometry_msgs.msg import PoseStamped
+from mebo_grasp_interfaces.msg import GraspQuality
+
+from mebo_grasp.grasp import Pose
+from mebo_grasp.grasping.hand_model import HandModel
+from mebo_grasp.grasping.pose_space import position_space
+from mebo_grasp.grasping.simulator import GraspSimulator
+from mebo_grasp.grasping.target_object import TargetObject
+from mebo_grasp.nodes import qos
+from msg_adapters.pose import to_pose_stamped_msg
+
+from .harness import Probe
+from .scenes import OBJECT
+
+pytestmark = pytest.mark.nodes
+
+
+@pytest.fixture
+def middle() -> Pose:
+    """The middle of the search space over the bottle."""
+    space = position_space(TargetObject.builtin(OBJECT), HandModel.load("icub_left"))
+    return space.to_pose((space.lower + space.upper) / 2.0)
+
+
+def test_answers_as_the_simulator_does_and_twice_the_same(launch, probe: Probe, middle: Pose) -> None:
+    qualities = probe.listen(GraspQuality, "grasp_quality", qos.QUALITIES)
+    launch("hand_node", object=OBJECT)
+    candidates = probe.publisher(PoseStamped, "candidate_pose", qos.CANDIDATES)
+    for stamp in (1_000_000_007, 2_000_000_009):
+        candidates.publish(to_pose_stamped_msg(stamp, OBJECT, middle))
+    first, second = qualities.wait_for_count(2)
+    with GraspSimulator(TargetObject.builtin(OBJECT), HandModel.load("icub_left")) as simulator:
+        expected = simulator.trial(middle)
+    assert (first.outcome, first.quality) == (int(expected.outcome), expected.quality)
+    assert (first.epsilon, first.volume, first.isotropy) == (
+        expected.epsilon, expected.volume, expected.isotropy
+    )
+    assert list(first.hand_posture.position) == list(expected.hand_posture.positions)
+    assert len(first.contacts) == len(expected.contacts)
+    assert (first.header.stamp.sec, first.header.stamp.nanosec) == (1, 7)
+    assert (second.header.stamp.sec, second.header.stamp.nanosec) == (2, 9)
+    assert (first.quality, first.contacts) == (second.quality, second.contacts)
+
+
+def bad_candidates() -> list[tuple[str, PoseStamped, str]]:
+    good = to_pose_stamped_msg(1, OBJECT, Pose.from_rpy([0.0, 0.1, 0.0], [0.0, 0.0, 0.0]))
+    cases = []
+    for name, expected in (("nan", "finite"), ("zero quaternion", "norm"), ("frame", "kitchen"), ("far", "")):
+        message = PoseStamped(header=good.header, pose=good.pose)
+        message = to_pose_stamped_msg(1, OBJECT, Pose.from_rpy([0.0, 0.1, 0.0], [0.0, 0.0, 0.0]))
+        if name == "nan":
+            message.pose.position.y = math.nan
+        elif name == "zero quaternion":
+            message.pose.orientation.w = 0.0
+        elif name == "frame":
+            message.header.frame_id = "kitchen"
+        else:
+            message.pose.position.x = 1e6
+        cases.append((name, message, expected))
+    return cases
+
+
+def test_bad_candidates_are_answered_and_the_next_good_one_is_tried(launch, probe: Probe, middle: Pose) -> None:
+    qualities = probe.listen(GraspQuality, "grasp_quality", qos.QUALITIES)
+    launch("hand_node", object=OBJECT)
+    candidates = probe.publisher(PoseStamped, "candidate_pose", qos.CANDIDATES)
+    cases = bad_candidates()
+    for second, (_, message, _) in enumerate(cases, start=1):
+        message.header.stamp.sec = second
+        candidates.publish(message)
+    candidates.publish(to_pose_stamped_msg(99_000_000_000, OBJECT, middle))
+    answers = qualities.wait_for_count(len(cases) + 1)
+    for (name, sent, expected), got in zip(cases, answers, strict=False):
+        assert got.header == sent.header, name
+        if name == "far":
+            assert (got.outcome, got.quality) == (GraspQuality.NO_CONTACT, 0.0)
+        else:
+            assert got.outcome == GraspQuality.FAILED
+            assert math.isnan(got.quality)
+            assert expected in got.message
+    assert answers[-1].outcome in (GraspQuality.GRASPED, GraspQuality.COLLISION, GraspQuality.NO_CONTACT)
+    assert answers[-1].header.stamp.sec == 99
+
+
+def test_a_candidate_without_a_stamp_is_given_one(launch, probe: Probe, middle: Pose) -> None:
+    qualities = probe.listen(GraspQuality, "grasp_quality", qos.QUALITIES)
+    launch("hand_node", object=OBJECT)
+    candidates = probe.publisher(PoseStamped, "candidate_pose", qos.CANDIDATES)
+    candidates.publish(to_pose_stamped_msg(0, OBJECT, middle))
+    candidates.publish(to_pose_stamped_msg(0, OBJECT, middle))
+    first, second = (message.header.stamp for message in qualities.wait_for_count(2))
+    assert first.sec > 0
+    assert (second.sec, second.nanosec) > (first.sec, first.nanosec)
+
+
+def test_two_hands_have_topics_of_their_own(launch, probe: Probe, middle: Pose) -> None:
+    qualities = probe.listen(GraspQuality, "grasp_quality", qos.QUALITIES)
+    launch("hand_node", object=OBJECT, hand_namespace="left")
+    launch("hand_node", object=OBJECT, hand_namespace="other", hand="icub_right")
+    for second, namespace in enumerate(("left", "other"), start=1):
+        candidates = probe.publisher(PoseStamped, f"{namespace}/candidate_pose", qos.CANDIDATES)
+        candidates.publish(to_pose_stamped_msg(second * 1_000_000_000, OBJECT, middle))
+        assert qualities.wait_for(lambda q, s=second: q.header.stamp.sec == s).hand
+    assert {quality.hand for quality in qualities.messages} == {"icub_left", "icub_right"}
+
+
+@pytest.mark.parametrize(
+    ("parameters", "expected"),
+    [
+        ({"object": "unicorn"}, "unicorn"),
+        ({"hand": "claw"}, "claw"),
+        ({"friction": -0.5}, "friction"),
+        ({"cone_edges": 2}, "cone_edges"),
+        ({"object_scale": 0.0}, "object_scale"),
+    ],
+)
+def test_bad_parameters_end_the_node_with_one_clear_line(launch, parameters, expected) -> None:
+    node = launch("hand_node", **parameters)
+    assert node.process.wait(30.0) == 2
+    assert expected in node.log

@@ -1,0 +1,191 @@
+"""The optimizer node beside hands that are late, repeat themselves, stay silent or talk nonsense."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from mebo_grasp_interfaces.msg import ExplorationStatus, GraspQuality
+from std_srvs.srv import Trigger
+
+from mebo_grasp.nodes import qos
+from msg_adapters.time import from_time_msg
+
+from .harness import Inbox, Probe
+from .scenes import OBJECT, PlayedHand, answer
+
+pytestmark = pytest.mark.nodes
+
+
+@pytest.fixture
+def status(probe: Probe) -> Inbox[ExplorationStatus]:
+    return probe.listen(ExplorationStatus, "exploration_status", qos.LATCHED)
+
+
+def finished(status: ExplorationStatus) -> bool:
+    return status.state == ExplorationStatus.FINISHED
+
+
+def test_an_answer_that_comes_late_or_twice_counts_once(launch, probe: Probe, status) -> None:
+    hand = PlayedHand(probe)
+    kept_back: list[PoseStamped] = []
+
+    def respond(candidate: PoseStamped) -> list[GraspQuality]:
+        if not kept_back:
+            kept_back.append(candidate)
+            return []
+        late = [answer(kept_back[0])] if len(hand.candidates.messages) == 8 else []
+        return [answer(candidate), answer(candidate), *late]
+
+    hand.respond = respond
+    launch("optimizer_node", budget=12, initial_points=12, trial_timeout=0.5, object=OBJECT)
+    final = status.wait_for(finished)
+    assert (final.evaluations, final.failed) == (12, 0)
+    assert math.isclose(
+        final.best_quality, max(answer(c).quality for c in hand.candidates.messages), rel_tol=1e-12
+    )
+
+
+def test_a_hand_that_never_answers_costs_the_trial_not_the_run(launch, probe: Probe, status) -> None:
+    hand = PlayedHand(probe)
+    hand.respond = lambda candidate: []
+    diagnostics = probe.listen(DiagnosticArray, "/diagnostics")
+    launch("optimizer_node", budget=3, initial_points=3, trial_timeout=0.2, max_attempts=2, object=OBJECT)
+    assert "no answer from hand" in status.wait_for(lambda s: bool(s.message)).message
+    diagnostics.wait_for(lambda d: d.status[0].level == DiagnosticStatus.WARN)
+    final = status.wait_for(finished)
+    assert (final.evaluations, final.failed) == (3, 3)
+    assert math.isnan(final.best_quality)
+    stamps = [from_time_msg(c.header.stamp) for c in hand.candidates.messages]
+    assert len(stamps) == 6
+    assert stamps == sorted(set(stamps))
+
+
+def test_a_silent_hands_trials_go_to_another_hand(launch, probe: Probe, status) -> None:
+    deaf, well = PlayedHand(probe, "deaf"), PlayedHand(probe, "well")
+    deaf.respond = lambda candidate: []
+    launch(
+        "optimizer_node", budget=9, initial_points=9, trial_timeout=0.3, max_attempts=20,
+        hands=["deaf", "well"], object=OBJECT,
+    )
+    final = status.wait_for(finished)
+    assert (final.evaluations, final.failed) == (9, 0)
+    assert len(deaf.candidates.messages) >= 1
+    given = {(c.pose.position.x, c.pose.position.y) for c in deaf.candidates.messages}
+    assert given <= {(c.pose.position.x, c.pose.position.y) for c in well.candidates.messages}
+
+
+def test_waits_for_a_hand_and_says_so(launch, probe: Probe, status) -> None:
+    launch("optimizer_node", budget=3, initial_points=3, object=OBJECT)
+    assert "waiting for a hand" in status.wait_for(lambda s: bool(s.message)).message
+    PlayedHand(probe)
+    assert status.wait_for(finished).evaluations == 3
+
+
+def test_nonsense_fails_the_trial_and_unknown_stamps_are_ignored(launch, probe: Probe, status) -> None:
+    hand = PlayedHand(probe)
+
+    def respond(candidate: PoseStamped) -> list[GraspQuality]:
+        number = len(hand.candidates.messages)
+        message = answer(candidate)
+        if number == 1:
+            message.quality = math.nan
+        elif number == 2:
+            message.tcp_pose.orientation.w = 0.0
+            message.tcp_pose.orientation.x = message.tcp_pose.orientation.y = 0.0
+            message.tcp_pose.orientation.z = 0.0
+        elif number == 3:
+            message.header.frame_id = "elsewhere"
+        elif number == 4:
+            message.outcome = 77
+        elif number == 5:
+            stranger = answer(candidate, quality=1000.0)
+            stranger.header.stamp.sec += 1000
+            stranger.tcp_pose.position.x += 100.0
+            return [stranger, message]
+        return [message]
+
+    hand.respond = respond
+    node = launch("optimizer_node", budget=9, initial_points=9, object=OBJECT, trials_per_hand=1)
+    final = status.wait_for(finished)
+    assert (final.evaluations, final.failed) == (9, 4)
+    assert final.best_quality <= 1.0
+    assert "elsewhere" in node.log
+
+
+def test_learns_from_trials_that_another_asked_for(launch, probe: Probe, status) -> None:
+    hand = PlayedHand(probe)
+    launch("optimizer_node", budget=30, initial_points=9, object=OBJECT, trials_per_hand=1)
+    sent: list[GraspQuality] = []
+
+    def respond(candidate: PoseStamped) -> list[GraspQuality]:
+        stranger = answer(candidate, quality=500.0)
+        stranger.header.stamp.nanosec = (stranger.header.stamp.nanosec + 7) % 1_000_000_000
+        stranger.tcp_pose.position.x += 1e-4
+        sent.append(stranger)
+        return [stranger, answer(candidate)] if len(sent) == 3 else [answer(candidate)]
+
+    hand.respond = respond
+    final = status.wait_for(finished)
+    assert final.evaluations == 30
+    assert final.best_quality == 500.0
+
+
+def test_start_pause_resume_reset(launch, probe: Probe, status) -> None:
+    hand = PlayedHand(probe)
+    launch("optimizer_node", budget=500, initial_points=500, autostart=False, object=OBJECT)
+    status.wait_for(lambda s: s.state == ExplorationStatus.IDLE)
+
+    def order(name: str) -> Trigger.Response:
+        return probe.call(Trigger, f"/optimizer_node/{name}", Trigger.Request())
+
+    refused = order("pause")
+    assert not refused.success
+    assert "cannot pause while idle" in refused.message
+    assert hand.candidates.messages == []
+    assert order("start").success
+    hand.candidates.wait_for_count(10)
+    assert order("pause").success
+    paused = status.wait_for(lambda s: s.state == ExplorationStatus.PAUSED and s.pending == 0 or s.pending <= 2)
+    assert not order("start").success
+    assert order("resume").success
+    status.wait_for(lambda s: s.evaluations >= paused.evaluations + 5)
+    seen = len(status.messages)
+    assert order("reset").success
+    fresh = status.wait_for(lambda s: s.state == ExplorationStatus.IDLE, after=seen)
+    assert fresh.evaluations == 0
+    assert order("start").success
+    status.wait_for(lambda s: s.evaluations >= 5, after=seen)
+
+
+def test_reset_sets_the_log_aside(launch, probe: Probe, status, tmp_path: Path) -> None:
+    PlayedHand(probe)
+    log = tmp_path / "run.jsonl"
+    launch("optimizer_node", budget=6, initial_points=6, object=OBJECT, run_log=str(log))
+    status.wait_for(finished)
+    before = log.read_text()
+    probe.call(Trigger, "/optimizer_node/reset", Trigger.Request())
+    (aside,) = [path for path in tmp_path.iterdir() if path.name.startswith("run.jsonl.")]
+    assert aside.read_text() == before
+
+
+@pytest.mark.parametrize(
+    ("parameters", "expected"),
+    [
+        ({"method": "guessing"}, "guessing"),
+        ({"space": "sideways"}, "sideways"),
+        ({"object": "unicorn"}, "unicorn"),
+        ({"budget": 3, "initial_points": 9}, "initial_points"),
+        ({"budget": 0}, "budget"),
+        ({"ucb_beta": -1.0}, "ucb_beta"),
+        ({"lower_bounds": [0.0, 0.0, 0.0]}, "upper_bounds"),
+        ({"lower_bounds": [1.0, 1.0, 1.0], "upper_bounds": [0.0, 0.0, 0.0]}, "bound"),
+    ],
+)
+def test_bad_parameters_end_the_node_with_one_clear_line(launch, parameters, expected) -> None:
+    node = launch("optimizer_node", **parameters)
+    assert node.process.wait(30.0) == 2
+    assert expected in node.log

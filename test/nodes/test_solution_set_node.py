@@ -1,0 +1,175 @@
+"""The solution set node: stores, answers with codes, follows occlusions, and survives nonsense."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+from geometry_msgs.msg import PoseStamped
+from mebo_grasp_interfaces.msg import GraspQuality, OcclusionArray
+from mebo_grasp_interfaces.msg import SolutionSet as SolutionSetMsg
+from mebo_grasp_interfaces.srv import GetBestGrasp, GetSolutionSet, ResetArchive
+from shape_msgs.msg import SolidPrimitive
+
+from mebo_grasp.grasp import Pose
+from mebo_grasp.nodes import qos
+from msg_adapters.pose import to_pose_stamped_msg
+
+from .harness import Inbox, Probe, wait_until
+from .scenes import OBJECT, answer, box_occlusion
+
+pytestmark = pytest.mark.nodes
+
+HEIGHTS = (-0.08, 0.0, 0.08)
+QUALITIES = (0.3, 0.5, 0.4)
+
+
+class Desk:
+    """One solution set node, with what a test needs to talk to it."""
+
+    def __init__(self, launch, probe: Probe, folder: Path) -> None:
+        self.probe = probe
+        self.node = launch("solution_set_node", object=OBJECT, database=str(folder / "trials.db"))
+        self.best: Inbox[PoseStamped] = probe.listen(PoseStamped, "best_grasp", qos.LATCHED)
+        self.set: Inbox[SolutionSetMsg] = probe.listen(SolutionSetMsg, "solution_set", qos.LATCHED)
+        self._qualities = probe.publisher(GraspQuality, "grasp_quality", qos.QUALITIES)
+        self._stamp = 0
+
+    def add(self, quality: float, position=(0.0, 0.1, 0.0), **changes) -> GraspQuality:
+        self._stamp += 1_000_000_000
+        message = answer(to_pose_stamped_msg(self._stamp, OBJECT, Pose(list(position))), quality)
+        for name, value in changes.items():
+            setattr(message, name, value)
+        self._qualities.publish(message)
+        return message
+
+    def ask(self, *occlusions, **fields) -> GetBestGrasp.Response:
+        request = GetBestGrasp.Request(occlusions=list(occlusions), **fields)
+        return self.probe.call(GetBestGrasp, "get_best_grasp", request)
+
+    def stored(self) -> int:
+        reply = self.probe.call(GetSolutionSet, "get_solution_set", GetSolutionSet.Request())
+        return int(reply.solution_set.stored)
+
+
+@pytest.fixture
+def desk(launch, probe: Probe, tmp_path: Path) -> Desk:
+    return Desk(launch, probe, tmp_path)
+
+
+@pytest.fixture
+def filled(desk: Desk) -> Desk:
+    for height, quality in zip(HEIGHTS, QUALITIES, strict=True):
+        desk.add(quality, (0.0, 0.1, height))
+    wait_until(lambda: desk.stored() == 3)
+    return desk
+
+
+def test_an_empty_archive_says_that_nothing_is_stored(desk: Desk) -> None:
+    reply = desk.ask()
+    assert (reply.error_code, list(reply.grasps)) == (reply.NO_GRASP_STORED, [])
+    assert reply.message
+    reply = desk.probe.call(GetSolutionSet, "get_solution_set", GetSolutionSet.Request())
+    assert reply.error_code == reply.NO_GRASP_STORED
+
+
+def test_occlusions_of_the_request_filter_the_best(filled: Desk) -> None:
+    assert filled.ask().grasps[0].quality == 0.5
+    middle = box_occlusion((0.0, 0.1, 0.0), (0.05, 0.05, 0.05))
+    reply = filled.ask(middle)
+    assert [grasp.quality for grasp in reply.grasps] == [0.4]
+    assert reply.occluded == 1
+    everything = box_occlusion((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), name="wall")
+    reply = filled.ask(everything)
+    assert (reply.error_code, reply.considered, reply.occluded) == (reply.ALL_OCCLUDED, 3, 3)
+    assert "wall" in reply.message
+    assert [g.quality for g in filled.ask(max_grasps=10).grasps] == [0.5, 0.4, 0.3]
+    assert [g.quality for g in filled.ask(max_grasps=10, min_quality=0.35).grasps] == [0.5, 0.4]
+    assert [g.quality for g in filled.ask(max_grasps=10, min_diversity=0.1).grasps] == [0.5]
+
+
+def test_occlusions_of_the_topic_are_known_until_ignored(filled: Desk) -> None:
+    occlusions = filled.probe.publisher(OcclusionArray, "occlusions", qos.LATCHED)
+    seen = len(filled.best.messages)
+    occlusions.publish(OcclusionArray(occlusions=[box_occlusion((0.0, 0.1, 0.0), (0.05, 0.05, 0.05))]))
+    assert filled.best.wait_for(lambda m: m.pose.position.z == 0.08, after=seen)
+    filled.set.wait_for(lambda m: [g.quality for g in m.grasps] == [0.4, 0.3])
+    assert filled.ask().grasps[0].quality == 0.4
+    assert filled.ask(ignore_known=True).grasps[0].quality == 0.5
+    seen = len(filled.best.messages)
+    occlusions.publish(OcclusionArray(occlusions=[box_occlusion((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))]))
+    assert math.isnan(filled.best.wait_for(after=seen).pose.position.x)
+    occlusions.publish(OcclusionArray())
+    assert filled.best.wait_for(lambda m: m.pose.position.z == 0.0, after=seen + 1)
+
+
+def bad_occlusions() -> list:
+    wrong_frame = box_occlusion((0, 0, 0), (1, 1, 1), frame="kitchen")
+    negative = box_occlusion((0, 0, 0), (-1, 1, 1))
+    too_few = box_occlusion((0, 0, 0), (1, 1, 1))
+    too_few.shape.dimensions = [1.0]
+    nan = box_occlusion((math.nan, 0, 0), (1, 1, 1))
+    unknown = box_occlusion((0, 0, 0), (1, 1, 1))
+    unknown.shape.type = SolidPrimitive.PRISM
+    no_rotation = box_occlusion((0, 0, 0), (1, 1, 1))
+    no_rotation.pose.orientation.w = 0.0
+    return [wrong_frame, negative, too_few, nan, unknown, no_rotation]
+
+
+def test_bad_requests_get_a_code_and_the_node_goes_on(filled: Desk) -> None:
+    wrong_frame, *others = bad_occlusions()
+    reply = filled.ask(wrong_frame)
+    assert reply.error_code == reply.WRONG_FRAME
+    assert "kitchen" in reply.message
+    assert OBJECT in reply.message
+    for occlusion in others:
+        reply = filled.ask(occlusion)
+        assert (reply.error_code, list(reply.grasps)) == (reply.INVALID_REQUEST, [])
+        assert reply.message
+    for fields in ({"min_quality": math.nan}, {"min_quality": -1.0}, {"min_diversity": math.inf}):
+        reply = filled.ask(**fields)
+        assert reply.error_code == reply.INVALID_REQUEST
+    assert filled.ask().grasps[0].quality == 0.5
+
+
+def test_a_bad_occlusion_on_the_topic_leaves_the_known_ones(filled: Desk) -> None:
+    occlusions = filled.probe.publisher(OcclusionArray, "occlusions", qos.LATCHED)
+    occlusions.publish(OcclusionArray(occlusions=[box_occlusion((0.0, 0.1, 0.0), (0.05, 0.05, 0.05))]))
+    filled.best.wait_for(lambda m: m.pose.position.z == 0.08)
+    occlusions.publish(OcclusionArray(occlusions=[bad_occlusions()[0]]))
+    filled.node.wait_for_log("kitchen")
+    assert filled.ask().grasps[0].quality == 0.4
+
+
+def test_unusable_qualities_are_not_stored_and_repeated_ones_once(desk: Desk) -> None:
+    desk.add(math.nan)
+    desk.add(0.9, outcome=99)
+    desk.add(math.inf)
+    desk.add(0.8, object_id="another")
+    good = desk.add(0.2)
+    desk._qualities.publish(good)
+    failed = desk.add(math.nan, outcome=GraspQuality.FAILED)
+    assert failed.outcome == GraspQuality.FAILED
+    wait_until(lambda: desk.stored() == 2)
+    reply = desk.ask(max_grasps=10)
+    assert [grasp.quality for grasp in reply.grasps] == [0.2]
+
+
+def test_reset_wants_the_name_of_the_object(filled: Desk) -> None:
+    service = "/solution_set_node/reset"
+    refused = filled.probe.call(ResetArchive, service, ResetArchive.Request(object_id="mug"))
+    assert (refused.error_code, refused.deleted) == (refused.WRONG_OBJECT, 0)
+    assert filled.stored() == 3
+    done = filled.probe.call(ResetArchive, service, ResetArchive.Request(object_id=OBJECT))
+    assert (done.error_code, done.deleted) == (done.NONE, 3)
+    assert filled.stored() == 0
+
+
+def test_a_database_that_is_none_ends_the_node_and_stays_as_it_is(launch, tmp_path: Path) -> None:
+    path = tmp_path / "holiday.db"
+    path.write_bytes(b"these are my holiday pictures" * 100)
+    node = launch("solution_set_node", database=str(path))
+    assert node.process.wait(30.0) == 2
+    assert "holiday.db" in node.log
+    assert path.read_bytes() == b"these are my holiday pictures" * 100
