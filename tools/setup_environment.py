@@ -100,8 +100,9 @@ def missing_prerequisites() -> list[tuple[str, str]]:
     python = "python{}.{}".format(*sys.version_info[:2])
     c, cxx = (shutil.which(os.environ.get(v) or d) for v, d in (("CC", "cc"), ("CXX", "c++")))
     has_c = compiles(c, "c", "#include <stdio.h>\n")
+    has_venv = importlib.util.find_spec("venv") and importlib.util.find_spec("ensurepip")
     tests = [
-        (importlib.util.find_spec("venv") and importlib.util.find_spec("ensurepip"), "Python's venv", f"{python}-venv"),
+        (has_venv, "Python's venv", f"{python}-venv"),
         (has_c, "a C compiler with its headers", "build-essential"),
         (compiles(cxx, "c++", "#include <vector>\n"), "a C++ compiler with its headers", "build-essential"),
         (not has_c or compiles(c, "c", "#include <Python.h>\n"), "Python's C headers", f"{python}-dev"),
@@ -113,7 +114,7 @@ def missing_prerequisites() -> list[tuple[str, str]]:
 def check_machine() -> None:
     """Raise SetupError naming each missing thing with the package to install."""
     if sys.platform != "linux":
-        raise SetupError(f"this set-up needs Linux, found {sys.platform}; the ROS 2 Jazzy wheels are for Linux only")
+        raise SetupError(f"found {sys.platform}, but the ROS 2 Jazzy wheels exist for Linux only: use a Linux machine")
     missing = missing_prerequisites()
     if missing:
         names = "\n".join(f"  missing: {what:<33} package: {package}" for what, package in missing)
@@ -158,7 +159,8 @@ def run(command: list[str], log: Path, environment: dict[str, str], cwd: Path | 
             raise
     if process.returncode != 0:
         tail = "\n".join("  | " + x for x in log.read_text(errors="replace").splitlines()[-40:])
-        raise SetupError(f"command failed with code {process.returncode}, its log ends with\n{tail}\n  whole log: {log}")
+        code = process.returncode
+        raise SetupError(f"a command failed with code {code}; its log ends with\n{tail}\n  whole log: {log}")
 
 
 def watch(process: subprocess.Popen[bytes], log: Path) -> None:
@@ -216,7 +218,7 @@ class Environment:
         """The variables for its commands: the user's, without those of other workspaces."""
         kept = {k: v for k, v in os.environ.items() if k not in FOREIGN_VARIABLES}
         path = os.pathsep.join([str(self.path / "bin"), kept.get("PATH", os.defpath)])
-        own = {"VIRTUAL_ENV": str(self.path), "AMENT_PREFIX_PATH": str(self.path), "CMAKE_PREFIX_PATH": str(self.path)}
+        own = dict.fromkeys(("VIRTUAL_ENV", "AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH"), str(self.path))
         quiet = {"PIP_DISABLE_PIP_VERSION_CHECK": "1", "PIP_NO_INPUT": "1", "PYTHONNOUSERSITE": "1"}
         return {**kept, **own, **quiet, "PATH": path, "COLCON_HOME": str(self.state / "colcon")}
 
@@ -229,7 +231,7 @@ def make_venv(env: Environment) -> None:
     """Create the environment anew; refuse to replace one that this file did not make."""
     if env.path.exists():
         if not env.state.is_dir() and any(env.path.iterdir()):
-            raise SetupError(f"{env.path} exists and was not made by this set-up: move it away, or give another --venv")
+            raise SetupError(f"{env.path} was not made by this set-up: move it away, or name another by --venv")
         shutil.rmtree(env.path)
     (env.state / "logs").mkdir(parents=True)
     (env.path / "COLCON_IGNORE").touch()
@@ -247,11 +249,11 @@ def repair_cmake_paths(env: Environment) -> None:
     """Point the wheels' CMake targets to the include folders of this interpreter."""
     version = "{}.{}".format(*sys.version_info[:2])
     tag = "cp" + version.replace(".", "")
-    import_numpy = [env.python, "-c", "import numpy; print(numpy.get_include())"]
-    numpy_include = subprocess.run(import_numpy, env=env.variables(), capture_output=True, text=True, check=True)
+    command = [env.python, "-c", "import numpy; print(numpy.get_include())"]
+    answer = subprocess.run(command, env=env.variables(), capture_output=True, text=True, check=True)
     new_texts = {
         WHEEL_PYTHON_INCLUDE.format(tag=tag, version=version): sysconfig.get_paths()["include"],
-        WHEEL_NUMPY_INCLUDE.format(tag=tag, version=version): numpy_include.stdout.strip(),
+        WHEEL_NUMPY_INCLUDE.format(tag=tag, version=version): answer.stdout.strip(),
     }
     for file in env.path.glob("share/*/cmake/*.cmake"):
         text = repaired = file.read_text()
@@ -292,17 +294,17 @@ def install_package(env: Environment) -> None:
     """Install this package in editable mode and import what a node needs."""
     env.pip("package", "install", "--no-deps", "--no-build-isolation", "--editable", str(ROOT))
     link_into_ament_index(env)
-    imports = f"import mebo_grasp, msg_adapters, numba, pybullet, rclpy, scipy, sklearn, trimesh, {INTERFACES}.msg"
-    run([env.python, "-c", imports], env.log("package"), env.variables(), cwd=env.state)
+    modules = f"{PACKAGE}, msg_adapters, {INTERFACES}.msg, numba, pybullet, rclpy, scipy, sklearn, trimesh"
+    run([env.python, "-c", f"import {modules}"], env.log("package"), env.variables(), cwd=env.state)
 
 
 def link_into_ament_index(env: Environment) -> None:
     """Show ament (get_package_share_directory, `ros2 run`) what an editable installation leaves out."""
-    share, executables = env.path / "share" / PACKAGE, env.path / "lib" / PACKAGE
+    share, executables = env.path / "share", env.path / "lib" / PACKAGE
     links = {
-        env.path / "share" / "ament_index" / "resource_index" / "packages" / PACKAGE: ROOT / "resource" / PACKAGE,
-        share / "package.xml": ROOT / "package.xml",
-        share / "params": ROOT / "params",
+        share / "ament_index" / "resource_index" / "packages" / PACKAGE: ROOT / "resource" / PACKAGE,
+        share / PACKAGE / "package.xml": ROOT / "package.xml",
+        share / PACKAGE / "params": ROOT / "params",
         **{executables / node: env.path / "bin" / node for node in NODES},
     }
     for link, target in links.items():
@@ -337,7 +339,7 @@ class Step:
 
 STEPS = (
     Step("venv", "creating the virtual environment", (), (), make_venv),
-    Step("requirements", "installing requirements (about a minute; on Python 3.12 pybullet compiles for some more)",
+    Step("requirements", "installing requirements (about a minute; on Python 3.12 pybullet is compiled: some more)",
          ("requirements.txt",), ("venv",), install_requirements),
     Step("test-tools", "installing test tools", ("requirements-dev.txt",), ("venv",), install_test_tools),
     Step("interfaces", "building the typed interfaces (about half a minute)",
@@ -347,8 +349,9 @@ STEPS = (
          ("requirements", "interfaces"), install_package),
 )  # fmt: skip
 ICUB_MESHES = Step(
-    "icub-meshes", "installing the iCub's meshes", ("requirements-icub-meshes.txt",), ("venv",), install_icub_meshes
-)
+    "icub-meshes", "installing the iCub's meshes",
+    ("requirements-icub-meshes.txt",), ("venv",), install_icub_meshes,
+)  # fmt: skip
 
 
 def keys(steps: tuple[Step, ...], env: Environment) -> dict[str, str]:
