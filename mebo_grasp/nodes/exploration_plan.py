@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mebo_grasp.errors import InvalidPoseError, InvalidSettingsError
+from mebo_grasp.errors import InvalidPoseError, InvalidSettingsError, RunLogError
 from mebo_grasp.grasp import FloatArray, Pose
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.pose_space import PoseSpace, pose_space_6d, position_space
@@ -41,14 +41,11 @@ class ExplorationPlan:
         space = self.pose_space
         return SearchSpace(space.names, space.lower, space.upper, space.units)
 
-    def open_optimizer(self) -> LoggedOptimizer:
-        """Return a new optimizer, or the one that the run log tells of.
-
-        Raises:
-            MeboGraspError: a setting is not usable, or the log belongs to another run.
-        """
-        settings, space = self.settings, self.search_space
-        optimizer_settings = OptimizerSettings(
+    @property
+    def optimizer_settings(self) -> OptimizerSettings:
+        """The optimizer's own settings."""
+        settings = self.settings
+        return OptimizerSettings(
             budget=settings.budget,
             n_initial=settings.initial_points,
             batch_size=settings.batch_size,
@@ -59,10 +56,44 @@ class ExplorationPlan:
             num_solutions=settings.num_solutions or None,
             min_distance=settings.min_distance or None,
         )
-        rng = np.random.default_rng(settings.seed)
-        optimizer = Optimizer(space, settings.method, optimizer_settings, rng)
-        path = Path(settings.run_log) if settings.run_log else None
-        return LoggedOptimizer.open(optimizer, path)
+
+    def open_optimizer(self) -> Optimizer | LoggedOptimizer:
+        """Return a new optimizer, or the one that the run log tells of.
+
+        Raises:
+            MeboGraspError: a setting is not usable, or the log belongs to another run.
+        """
+        method, seed = self.settings.method, self.settings.seed
+        if not self.settings.run_log:
+            return Optimizer(self.search_space, method, self.optimizer_settings, np.random.default_rng(seed))
+        path = Path(self.settings.run_log)
+        if path.exists() and path.stat().st_size > 0:
+            logged = LoggedOptimizer.resume(path)
+            self._check_same_run(logged.optimizer)
+            return logged
+        # A process killed while it created the file leaves an empty one: there is nothing to resume.
+        path.unlink(missing_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return LoggedOptimizer.create(path, self.search_space, method, self.optimizer_settings, seed)
+
+    def _check_same_run(self, optimizer: Optimizer) -> None:
+        space = self.search_space
+        differences = [
+            what
+            for what, same in (
+                ("method", optimizer.method.name == self.settings.method),
+                ("settings", optimizer.settings == self.optimizer_settings),
+                ("space", optimizer.space.names == space.names),
+                ("lower_bounds", np.array_equal(optimizer.space.lower, space.lower)),
+                ("upper_bounds", np.array_equal(optimizer.space.upper, space.upper)),
+            )
+            if not same
+        ]
+        if differences:
+            raise RunLogError(
+                f"the run log {self.settings.run_log} belongs to a run with another "
+                f"{', '.join(differences)}: resume it with the same parameters, or name another file"
+            )
 
     def set_log_aside(self) -> Path | None:
         """Rename the run log, so that a new run can begin and nothing is lost; None when there is none."""

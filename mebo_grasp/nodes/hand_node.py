@@ -97,7 +97,7 @@ class HandNode(Node):
         if now < self._markers_due or not grasp.hand_posture.names:
             return
         self._markers_due = now + self._marker_period
-        self._hand_markers.publish(markers.grasp_markers([grasp], self._hand, self._target.object_id))
+        self._hand_markers.publish(markers.grasp_markers([grasp], self._target.object_id))
 
     def destroy_node(self) -> None:
         """Stop the simulator, then the node."""

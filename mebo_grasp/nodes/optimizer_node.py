@@ -19,7 +19,7 @@ from mebo_grasp.nodes.clock import StampSource
 from mebo_grasp.nodes.dispatcher import Dispatcher, DispatchSettings
 from mebo_grasp.nodes.exploration_plan import make_plan
 from mebo_grasp.nodes.exploration_report import Pace, diagnostics_msg, status_msg
-from mebo_grasp.nodes.optimizer_worker import Event, OptimizerWorker
+from mebo_grasp.nodes.optimizer_worker import Event, OptimizerWorker, state_of
 from mebo_grasp.nodes.parameters import declare
 from mebo_grasp.nodes.runtime import guarded, guarded_trigger, run_node
 from mebo_grasp.nodes.settings import OptimizerNodeSettings
@@ -71,7 +71,8 @@ class OptimizerNode(Node):
 
     def _begin_run(self) -> None:
         optimizer = self._plan.open_optimizer()
-        self._known_points: list[FloatArray] = [trial.x for trial in optimizer.trials]
+        state = state_of(optimizer)
+        self._known_points = [state.space.from_unit(u) for u in state.observations.taken]
         self._dispatcher.add(optimizer.pending)
         self._worker = OptimizerWorker(optimizer, self._wake.trigger)
         self._progress = self._worker.progress

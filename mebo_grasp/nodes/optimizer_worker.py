@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from mebo_grasp.grasp import FloatArray
-from mebo_grasp.optimization.optimizer import Trial
+from mebo_grasp.optimization.optimizer import Optimizer, Trial
 from mebo_grasp.optimization.run_log import LoggedOptimizer
 
 
@@ -37,7 +37,13 @@ class Event:
     error: Exception | None = None
 
 
-Command = Callable[[LoggedOptimizer], tuple[Trial, ...] | None]
+AskTell = Optimizer | LoggedOptimizer
+Command = Callable[[AskTell], tuple[Trial, ...] | None]
+
+
+def state_of(optimizer: AskTell) -> Optimizer:
+    """Return the state machine itself, logged or not."""
+    return optimizer.optimizer if isinstance(optimizer, LoggedOptimizer) else optimizer
 
 
 class OptimizerWorker:
@@ -48,7 +54,7 @@ class OptimizerWorker:
         on_event: called from the thread after each command, to wake whoever takes the events.
     """
 
-    def __init__(self, optimizer: LoggedOptimizer, on_event: Callable[[], None]) -> None:
+    def __init__(self, optimizer: AskTell, on_event: Callable[[], None]) -> None:
         self._optimizer = optimizer
         self._on_event = on_event
         self.progress = self._progress()
@@ -93,7 +99,8 @@ class OptimizerWorker:
             command, asks = item
             self._events.put(self._execute(command, asks))
             self._on_event()
-        self._optimizer.close()
+        if isinstance(self._optimizer, LoggedOptimizer):
+            self._optimizer.close()
 
     def _execute(self, command: Command, asks: bool) -> Event:
         trials: tuple[Trial, ...] = ()
@@ -106,7 +113,7 @@ class OptimizerWorker:
         return Event(self._progress(), trials, asks, error)
 
     def _progress(self) -> Progress:
-        optimizer = self._optimizer
+        optimizer = state_of(self._optimizer)
         incumbent = optimizer.incumbent
         return Progress(
             told=optimizer.n_told + optimizer.n_failed,

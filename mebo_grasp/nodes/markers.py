@@ -1,0 +1,164 @@
+"""What RViz is shown: the object, hands in their final posture, contacts and occlusions."""
+
+from __future__ import annotations
+
+import colorsys
+from collections.abc import Iterable, Sequence
+from functools import lru_cache
+
+import numpy as np
+import trimesh
+from geometry_msgs.msg import Point, Vector3
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
+
+from mebo_grasp.errors import InvalidHandError
+from mebo_grasp.grasp import FloatArray, Grasp, GraspContact, Pose
+from mebo_grasp.grasping.hand_model import HandModel, PlacedShape
+from mebo_grasp.grasping.target_object import TargetObject
+from mebo_grasp.solutions.occlusion import Box, Cylinder, Occlusion, Sphere
+from msg_adapters.pose import to_point_msg, to_pose_msg
+
+CONTACT_ARROW_LENGTH = 0.02
+OBJECT_COLOR = ColorRGBA(r=0.75, g=0.75, b=0.78, a=0.6)
+CONTACT_COLOR = ColorRGBA(r=0.9, g=0.1, b=0.1, a=1.0)
+OCCLUSION_COLOR = ColorRGBA(r=0.9, g=0.1, b=0.1, a=0.25)
+ROUND_SECTIONS = 12
+"""Corners of the circles of which capsules and cones are drawn."""
+
+
+def object_markers(target: TargetObject) -> MarkerArray:
+    """Return the object's mesh as a marker in its own frame."""
+    return MarkerArray(markers=[_clear(target.object_id), _mesh_marker(
+        target.object_id, "object", 0, target.mesh, Pose.identity(), OBJECT_COLOR
+    )])
+
+
+def grasp_markers(grasps: Sequence[Grasp], frame_id: str) -> MarkerArray:
+    """Return hands in their final posture with their contacts, one colour a grasp, old ones deleted.
+
+    Args:
+        grasps: best first.
+        frame_id: the object's frame.
+    """
+    markers = [_clear(frame_id)]
+    for rank, grasp in enumerate(grasps):
+        markers += _hand_markers(rank, grasp, _rank_color(rank, len(grasps)), frame_id)
+        markers += [
+            _contact_marker(rank, number, contact, frame_id) for number, contact in enumerate(grasp.contacts)
+        ]
+    return MarkerArray(markers=markers)
+
+
+def solution_markers(
+    grasps: Sequence[Grasp], occlusions: Iterable[Occlusion], frame_id: str
+) -> MarkerArray:
+    """Return the hands of the solution set and the regions that are occluded."""
+    array = grasp_markers(grasps, frame_id)
+    array.markers += [_occlusion_marker(number, occlusion, frame_id) for number, occlusion in enumerate(occlusions)]
+    return array
+
+
+@lru_cache(maxsize=8)
+def _hand(name: str) -> HandModel | None:
+    """The model of a hand, or None for one that is known to another machine only."""
+    try:
+        return HandModel.load(name)
+    except InvalidHandError:
+        return None
+
+
+def _hand_markers(rank: int, grasp: Grasp, color: ColorRGBA, frame_id: str) -> list[Marker]:
+    hand = _hand(grasp.hand)
+    if hand is None:
+        return [_tcp_marker(rank, grasp, color, frame_id)]
+    posture = grasp.hand_posture if grasp.hand_posture.names else None
+    shapes = hand.link_geometry(posture)
+    return [
+        _mesh_marker(
+            frame_id, f"hand {rank + 1}", number, _shape_mesh(shape), grasp.T_object_tcp @ shape.T_tcp_shape, color
+        )
+        for number, shape in enumerate(shapes)
+    ]
+
+
+def _shape_mesh(shape: PlacedShape) -> trimesh.Trimesh:
+    if shape.vertices is not None:
+        return trimesh.convex.convex_hull(shape.vertices)
+    return _primitive_mesh(shape.kind, shape.dims)
+
+
+@lru_cache(maxsize=256)
+def _primitive_mesh(kind: str, dims: tuple[float, ...]) -> trimesh.Trimesh:
+    if kind == "box":
+        return trimesh.creation.box(extents=dims)
+    if kind == "sphere":
+        return trimesh.creation.icosphere(subdivisions=1, radius=dims[0])
+    if kind == "cylinder":
+        return trimesh.creation.cylinder(radius=dims[0], height=dims[1], sections=ROUND_SECTIONS)
+    if kind == "cone":
+        return trimesh.creation.cone(radius=dims[0], height=dims[1], sections=2 * ROUND_SECTIONS)
+    capsule = trimesh.creation.capsule(radius=dims[0], height=dims[1], count=(ROUND_SECTIONS, 6))
+    # trimesh has the lower cap's centre in the origin in some versions; here it is the middle.
+    capsule.apply_translation([0.0, 0.0, -float(capsule.bounds[:, 2].mean())])
+    return capsule
+
+
+def _mesh_marker(
+    frame_id: str, namespace: str, number: int, mesh: trimesh.Trimesh, pose: Pose, color: ColorRGBA
+) -> Marker:
+    marker = _marker(frame_id, namespace, number, Marker.TRIANGLE_LIST, pose, color)
+    marker.scale = Vector3(x=1.0, y=1.0, z=1.0)
+    marker.points = _points(mesh.triangles.reshape(-1, 3))
+    return marker
+
+
+def _contact_marker(rank: int, number: int, contact: GraspContact, frame_id: str) -> Marker:
+    marker = _marker(frame_id, f"contacts {rank + 1}", number, Marker.ARROW, Pose.identity(), CONTACT_COLOR)
+    marker.scale = Vector3(x=0.002, y=0.005, z=0.0)
+    start = contact.position - CONTACT_ARROW_LENGTH * contact.normal
+    marker.points = [to_point_msg(start), to_point_msg(contact.position)]
+    return marker
+
+
+def _tcp_marker(rank: int, grasp: Grasp, color: ColorRGBA, frame_id: str) -> Marker:
+    marker = _marker(frame_id, f"hand {rank + 1}", 0, Marker.ARROW, grasp.T_object_tcp, color)
+    marker.scale = Vector3(x=0.06, y=0.006, z=0.006)
+    return marker
+
+
+def _occlusion_marker(number: int, occlusion: Occlusion, frame_id: str) -> Marker:
+    shape, pose = occlusion.shape, occlusion.T_object_shape
+    if isinstance(shape, Box):
+        mesh = trimesh.creation.box(extents=shape.size)
+    elif isinstance(shape, Sphere):
+        mesh = trimesh.creation.icosphere(subdivisions=2, radius=shape.radius)
+    elif isinstance(shape, Cylinder):
+        mesh = _primitive_mesh("cylinder", (shape.radius, shape.height))
+    else:
+        mesh = _primitive_mesh("cone", (shape.radius, shape.height)).copy()
+        # The cone's frame lies at mid-height, trimesh's at the base.
+        mesh.apply_translation([0.0, 0.0, -shape.height / 2.0])
+    return _mesh_marker(frame_id, "occlusions", number, mesh, pose, OCCLUSION_COLOR)
+
+
+def _clear(frame_id: str) -> Marker:
+    marker = Marker(action=Marker.DELETEALL)
+    marker.header.frame_id = frame_id
+    marker.pose.orientation.w = 1.0
+    return marker
+
+
+def _marker(frame_id: str, namespace: str, number: int, kind: int, pose: Pose, color: ColorRGBA) -> Marker:
+    marker = Marker(ns=namespace, id=number, type=kind, action=Marker.ADD, color=color, pose=to_pose_msg(pose))
+    marker.header.frame_id = frame_id
+    return marker
+
+
+def _points(corners: FloatArray) -> list[Point]:
+    return [Point(x=x, y=y, z=z) for x, y, z in np.asarray(corners, dtype=float).tolist()]
+
+
+def _rank_color(rank: int, count: int) -> ColorRGBA:
+    r, g, b = colorsys.hsv_to_rgb(rank / max(count, 1), 0.75, 0.95)
+    return ColorRGBA(r=r, g=g, b=b, a=0.9)
