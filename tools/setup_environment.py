@@ -114,7 +114,7 @@ def missing_prerequisites() -> list[tuple[str, str]]:
 def check_machine() -> None:
     """Raise SetupError naming each missing thing with the package to install."""
     if sys.platform != "linux":
-        raise SetupError(f"found {sys.platform}, but the ROS 2 Jazzy wheels exist for Linux only: use a Linux machine")
+        raise SetupError(f"found {sys.platform}, but the ROS 2 Jazzy wheels are for Linux: use one")
     missing = missing_prerequisites()
     if missing:
         names = "\n".join(f"  missing: {what:<33} package: {package}" for what, package in missing)
@@ -231,7 +231,7 @@ def make_venv(env: Environment) -> None:
     """Create the environment anew; refuse to replace one that this file did not make."""
     if env.path.exists():
         if not env.state.is_dir() and any(env.path.iterdir()):
-            raise SetupError(f"{env.path} was not made by this set-up: move it away, or name another by --venv")
+            raise SetupError(f"{env.path} was not made by this set-up: move it away, or say --venv OTHER")
         shutil.rmtree(env.path)
     (env.state / "logs").mkdir(parents=True)
     (env.path / "COLCON_IGNORE").touch()
@@ -339,7 +339,7 @@ class Step:
 
 STEPS = (
     Step("venv", "creating the virtual environment", (), (), make_venv),
-    Step("requirements", "installing requirements (about a minute; on Python 3.12 pybullet is compiled: some more)",
+    Step("requirements", "installing requirements (about a minute, or more where pybullet is compiled)",
          ("requirements.txt",), ("venv",), install_requirements),
     Step("test-tools", "installing test tools", ("requirements-dev.txt",), ("venv",), install_test_tools),
     Step("interfaces", "building the typed interfaces (about half a minute)",

@@ -1,0 +1,51 @@
+# Everything a user or developer of mebo_grasp runs; `make help` lists it.
+
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+DEMO_OUT ?= out/demo
+# More arguments for pytest, e.g. make test PYTEST_ARGS="test/unit -x"
+PYTEST_ARGS ?=
+# A hanging test is stopped after this many seconds; no test measures itself against it.
+HANG_SECONDS ?= 300
+
+.DEFAULT_GOAL := help
+.PHONY: help setup icub-meshes demo test test-quick lint check-types bench build-ros clean clean-all
+
+help:  ## Show this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup:  ## Make or update .venv: requirements, typed interfaces, this package (PYTHON=python3.12 to choose)
+	@$(PYTHON) tools/setup_environment.py --venv "$(VENV)"
+
+icub-meshes:  ## Also install the iCub's meshes (optional, CC BY 4.0)
+	@$(PYTHON) tools/setup_environment.py --venv "$(VENV)" --icub-meshes
+
+demo: setup  ## Explore the built-in bottle with three real nodes, show the grasps (picture in out/demo)
+	$(BIN)/mebo-grasp explore --object bottle --space position --budget 100 --seed 1 --out "$(DEMO_OUT)"
+
+test: setup  ## Run all tests, with real node processes
+	$(BIN)/python -m pytest --timeout=$(HANG_SECONDS) $(PYTEST_ARGS)
+
+test-quick: setup  ## Run the tests that start no nodes and take no ten seconds
+	$(BIN)/python -m pytest --timeout=$(HANG_SECONDS) -m "not nodes and not slow" $(PYTEST_ARGS)
+
+lint: setup  ## Check style and types of code, tests and tools
+	$(BIN)/ruff check .
+	$(BIN)/mypy mebo_grasp msg_adapters test tools
+
+bench: setup  ## Measure speed, memory and latency; prints the figures with their spread
+	@for script in tools/bench_*.py; do $(BIN)/python "$$script" || exit 1; done
+
+build-ros:  ## With an installed, sourced ROS 2: colcon build of both packages into install/
+	@command -v colcon >/dev/null || { echo "colcon is missing: sudo apt install python3-colcon-common-extensions"; exit 1; }
+	@test -n "$$ROS_DISTRO" || { echo "no ROS is sourced: . /opt/ros/jazzy/setup.bash"; exit 1; }
+	colcon build --base-paths . mebo_grasp_interfaces
+	@echo "built; now say: . install/setup.bash"
+
+clean:  ## Remove what builds and tests leave behind; .venv stays
+	rm -rf build install log out *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find mebo_grasp msg_adapters test tools -name __pycache__ -type d -prune -exec rm -rf {} +
+
+clean-all: clean  ## Remove .venv too
+	rm -rf "$(VENV)"
