@@ -227,8 +227,15 @@ class Grasp:
     def failed(cls, T_object_tcp: Pose, message: str, object_id: str = "", hand: str = "") -> Grasp:
         """Return the grasp of a trial that gave no value, with the reason."""
         return cls(
-            T_object_tcp, GraspOutcome.FAILED, math.nan, math.nan, math.nan, math.nan,
-            object_id=object_id, hand=hand, message=message,
+            T_object_tcp,
+            GraspOutcome.FAILED,
+            math.nan,
+            math.nan,
+            math.nan,
+            math.nan,
+            object_id=object_id,
+            hand=hand,
+            message=message,
         )
 
 

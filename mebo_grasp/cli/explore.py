@@ -154,7 +154,8 @@ def _report(client: ExplorationClient, target: TargetObject) -> tuple[StampedGra
     grasps = _from_messages(solution_set.grasps, target.object_id)
     print(
         f"\n{solution_set.stored} trials stored; {len(grasps)} diverse grasps, mean quality "
-        f"{solution_set.mean_quality:.4f}, mean distance to the nearest {1000 * solution_set.mean_min_distance:.0f} mm"
+        f"{solution_set.mean_quality:.4f}, "
+        f"mean distance to the nearest {1000 * solution_set.mean_min_distance:.0f} mm"
     )
     if not grasps:
         print("no grasp with a quality above 0 was found")
@@ -179,7 +180,7 @@ def third_of(target: TargetObject, index: int, name: str) -> Occlusion:
     bottom = lowest + index * third
     top = highest + FAR if index == 2 else bottom + third
     center = np.array([*target.bounds.mean(axis=0)[:2], (bottom + top) / 2.0])
-    return Occlusion(name, Box(np.array([2 * FAR, 2 * FAR, top - bottom])), Pose(center))
+    return Occlusion(name, Box((2 * FAR, 2 * FAR, float(top - bottom))), Pose(center))
 
 
 def _print_best(

@@ -46,7 +46,12 @@ class NodeProcess:
         with self.log_path.open("ab") as log:
             # A session of its own: Ctrl-C reaches the command line alone, which then stops the nodes.
             self._process = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment, start_new_session=True
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                env=environment,
+                start_new_session=True,
             )
 
     def check(self) -> None:
@@ -58,7 +63,9 @@ class NodeProcess:
         code = self._process.poll()
         if code is not None:
             lines = self.log_path.read_text(encoding="utf-8", errors="replace").splitlines()[-10:]
-            raise MeboGraspError(f"{self.name} ended with exit code {code}; its log says:\n" + "\n".join(lines))
+            raise MeboGraspError(
+                f"{self.name} ended with exit code {code}; its log says:\n" + "\n".join(lines)
+            )
 
     def request_stop(self) -> None:
         """Ask the process to end."""

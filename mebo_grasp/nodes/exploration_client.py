@@ -34,9 +34,7 @@ class ExplorationClient:
         self._executor.add_node(self._node)
         self.status: ExplorationStatus | None = None
         """The newest status; None before the first."""
-        self._node.create_subscription(
-            ExplorationStatus, "exploration_status", self._on_status, qos.LATCHED
-        )
+        self._node.create_subscription(ExplorationStatus, "exploration_status", self._on_status, qos.LATCHED)
         self._best = self._node.create_client(GetBestGrasp, "get_best_grasp")
         self._set = self._node.create_client(GetSolutionSet, "get_solution_set")
 

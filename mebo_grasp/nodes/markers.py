@@ -16,7 +16,7 @@ from mebo_grasp.errors import InvalidHandError
 from mebo_grasp.grasp import FloatArray, Grasp, GraspContact, Pose
 from mebo_grasp.grasping.hand_model import HandModel, PlacedShape
 from mebo_grasp.grasping.target_object import TargetObject
-from mebo_grasp.solutions.occlusion import Box, Cylinder, Occlusion, Sphere
+from mebo_grasp.solutions.occlusion import Box, Cone, Cylinder, Occlusion, Sphere
 from msg_adapters.pose import to_point_msg, to_pose_msg
 
 CONTACT_ARROW_LENGTH = 0.02
@@ -29,9 +29,12 @@ ROUND_SECTIONS = 12
 
 def object_markers(target: TargetObject) -> MarkerArray:
     """Return the object's mesh as a marker in its own frame."""
-    return MarkerArray(markers=[_clear(target.object_id), _mesh_marker(
-        target.object_id, "object", 0, target.mesh, Pose.identity(), OBJECT_COLOR
-    )])
+    return MarkerArray(
+        markers=[
+            _clear(target.object_id),
+            _mesh_marker(target.object_id, "object", 0, target.mesh, Pose.identity(), OBJECT_COLOR),
+        ]
+    )
 
 
 def grasp_markers(grasps: Sequence[Grasp], frame_id: str) -> MarkerArray:
@@ -50,12 +53,12 @@ def grasp_markers(grasps: Sequence[Grasp], frame_id: str) -> MarkerArray:
     return MarkerArray(markers=markers)
 
 
-def solution_markers(
-    grasps: Sequence[Grasp], occlusions: Iterable[Occlusion], frame_id: str
-) -> MarkerArray:
+def solution_markers(grasps: Sequence[Grasp], occlusions: Iterable[Occlusion], frame_id: str) -> MarkerArray:
     """Return the hands of the solution set and the regions that are occluded."""
     array = grasp_markers(grasps, frame_id)
-    array.markers += [_occlusion_marker(number, occlusion, frame_id) for number, occlusion in enumerate(occlusions)]
+    array.markers += [
+        _occlusion_marker(number, occlusion, frame_id) for number, occlusion in enumerate(occlusions)
+    ]
     return array
 
 
@@ -76,7 +79,12 @@ def _hand_markers(rank: int, grasp: Grasp, color: ColorRGBA, frame_id: str) -> l
     shapes = hand.link_geometry(posture)
     return [
         _mesh_marker(
-            frame_id, f"hand {rank + 1}", number, _shape_mesh(shape), grasp.T_object_tcp @ shape.T_tcp_shape, color
+            frame_id,
+            f"hand {rank + 1}",
+            number,
+            _shape_mesh(shape),
+            grasp.T_object_tcp @ shape.T_tcp_shape,
+            color,
         )
         for number, shape in enumerate(shapes)
     ]
@@ -136,6 +144,7 @@ def _occlusion_marker(number: int, occlusion: Occlusion, frame_id: str) -> Marke
     elif isinstance(shape, Cylinder):
         mesh = _primitive_mesh("cylinder", (shape.radius, shape.height))
     else:
+        assert isinstance(shape, Cone)
         mesh = _primitive_mesh("cone", (shape.radius, shape.height)).copy()
         # The cone's frame lies at mid-height, trimesh's at the base.
         mesh.apply_translation([0.0, 0.0, -shape.height / 2.0])
@@ -150,7 +159,9 @@ def _clear(frame_id: str) -> Marker:
 
 
 def _marker(frame_id: str, namespace: str, number: int, kind: int, pose: Pose, color: ColorRGBA) -> Marker:
-    marker = Marker(ns=namespace, id=number, type=kind, action=Marker.ADD, color=color, pose=to_pose_msg(pose))
+    marker = Marker(
+        ns=namespace, id=number, type=kind, action=Marker.ADD, color=color, pose=to_pose_msg(pose)
+    )
     marker.header.frame_id = frame_id
     return marker
 

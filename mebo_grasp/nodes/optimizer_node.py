@@ -38,14 +38,14 @@ DIAGNOSTICS_PERIOD = 1.0
 """Seconds between two messages on ``/diagnostics``."""
 
 SWITCH_INTERVAL = 0.001
-"""Seconds after which the optimizer's thread yields the interpreter to a callback (Python's default: 5 ms)."""
+"""Seconds until the optimizer's thread yields the interpreter to a callback (Python's default: 5 ms)."""
 
 SAME_POINT = 1e-9
 """Largest difference in the unit cube at which two points are the same trial, seen through a message."""
 
 
 class OptimizerNode(Node):
-    """Publishes ``<hand>/candidate_pose``; learns from ``grasp_quality``; serves start, pause, resume, reset.
+    """Publishes ``<hand>/candidate_pose`` and learns from ``grasp_quality``.
 
     Raises:
         MeboGraspError: a parameter, the object or the log of the run is not usable.

@@ -90,9 +90,7 @@ class SolutionSetNodeSettings:
     """Parameters of ``solution_set_node``."""
 
     object: str = parameter("bottle", "target object: a built-in name or the path of a mesh file")
-    database: str = parameter(
-        "", "SQLite file of all trials; empty: <ROS home>/mebo_grasp/<object>.db"
-    )
+    database: str = parameter("", "SQLite file of all trials; empty: <ROS home>/mebo_grasp/<object>.db")
     size: int = parameter(4, "grasps kept in the solution set", least=1, most=10_000)
     min_distance: float = parameter(
         0.04, "least distance of two grasps of the set [m + weighted rad]", least=0.0

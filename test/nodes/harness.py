@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -11,7 +12,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Generic, TypeVar
-
 
 import yaml
 from rclpy.context import Context
@@ -107,7 +107,9 @@ class Inbox(Generic[Message]):
         with self._condition:
             if not self._condition.wait_for(arrived, timeout):
                 last = self._messages[-1] if self._messages else "nothing"
-                raise AssertionError(f"no such message in {timeout} s; {len(self._messages)} came, last: {last}")
+                raise AssertionError(
+                    f"no such message in {timeout} s; {len(self._messages)} came, last: {last}"
+                )
         return found[0]
 
     def wait_for_count(self, count: int, timeout: float = WAIT) -> list[Message]:
@@ -131,10 +133,8 @@ class Probe:
         self._thread.start()
 
     def _spin(self) -> None:
-        try:
+        with contextlib.suppress(ExternalShutdownException):
             self._executor.spin()
-        except ExternalShutdownException:
-            pass
 
     def close(self) -> None:
         """Leave the domain."""
@@ -149,10 +149,14 @@ class Probe:
         self.node.create_subscription(kind, topic, inbox.put, qos)
         return inbox
 
-    def publisher(self, kind: type, topic: str, qos: QoSProfile | int = 100, subscribers: int = 1) -> Publisher:
+    def publisher(
+        self, kind: type, topic: str, qos: QoSProfile | int = 100, subscribers: int = 1
+    ) -> Publisher:
         """Return a publisher that has been matched by at least ``subscribers`` subscribers."""
         publisher = self.node.create_publisher(kind, topic, qos)
-        wait_until(lambda: publisher.get_subscription_count() >= subscribers, what=lambda: f"a listener on {topic}")
+        wait_until(
+            lambda: publisher.get_subscription_count() >= subscribers, what=lambda: f"a listener on {topic}"
+        )
         return publisher
 
     def call(self, kind: type, service: str, request: Any, timeout: float = WAIT) -> Any:

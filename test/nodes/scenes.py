@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from geometry_msgs.msg import PoseStamped
 from mebo_grasp_interfaces.msg import ExplorationStatus, GraspQuality, Occlusion
@@ -24,7 +25,7 @@ class Scene:
     def __init__(self, launch: Callable[..., NodeUnderTest], probe: Probe, folder: Path, budget: int) -> None:
         self._launch = launch
         self.probe = probe
-        self.parameters = {
+        self.parameters: dict[str, dict[str, Any]] = {
             "hand_node": {"object": OBJECT},
             "solution_set_node": {"object": OBJECT, "database": str(folder / "trials.db")},
             "optimizer_node": {
@@ -97,7 +98,10 @@ def answer(candidate: PoseStamped, quality: float | None = None) -> GraspQuality
 
 
 def box_occlusion(
-    center: tuple[float, float, float], size: tuple[float, float, float], frame: str = OBJECT, name: str = "box"
+    center: tuple[float, float, float],
+    size: tuple[float, float, float],
+    frame: str = OBJECT,
+    name: str = "box",
 ) -> Occlusion:
     """Return an occlusion by an axis-aligned box."""
     occlusion = Occlusion()

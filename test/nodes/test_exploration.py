@@ -84,9 +84,7 @@ def test_late_subscribers_get_what_is_latched(scene: Scene, probe: Probe) -> Non
 
 
 @pytest.mark.parametrize("victim", ["optimizer_node", "hand_node", "solution_set_node"])
-def test_a_killed_node_costs_no_stored_trial(
-    victim: str, launch, probe: Probe, tmp_path: Path
-) -> None:
+def test_a_killed_node_costs_no_stored_trial(victim: str, launch, probe: Probe, tmp_path: Path) -> None:
     scene = Scene(launch, probe, tmp_path, budget=90)
     scene.start()
     scene.wait_for_evaluations(12)
@@ -117,7 +115,7 @@ def test_a_resumed_run_goes_where_an_uninterrupted_one_goes(launch, probe: Probe
         scene.wait_until_finished()
         for node in scene.nodes.values():
             node.stop()
-        distinct = {}
+        distinct: dict[tuple[float, float, float], None] = {}
         for quality in scene.qualities.messages:
             position = quality.tcp_pose.position
             distinct[(position.x, position.y, position.z)] = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import pytest
 from geometry_msgs.msg import PoseStamped
@@ -40,13 +41,19 @@ def test_answers_as_the_simulator_does_and_twice_the_same(launch, probe: Probe, 
         expected = simulator.trial(middle)
     assert (first.outcome, first.quality) == (int(expected.outcome), expected.quality)
     assert (first.epsilon, first.volume, first.isotropy) == (
-        expected.epsilon, expected.volume, expected.isotropy
+        expected.epsilon,
+        expected.volume,
+        expected.isotropy,
     )
     assert list(first.hand_posture.position) == list(expected.hand_posture.positions)
     assert len(first.contacts) == len(expected.contacts)
     assert (first.header.stamp.sec, first.header.stamp.nanosec) == (1, 7)
     assert (second.header.stamp.sec, second.header.stamp.nanosec) == (2, 9)
     assert (first.quality, first.contacts) == (second.quality, second.contacts)
+
+
+def stamped(second: int, quality: GraspQuality) -> bool:
+    return bool(quality.header.stamp.sec == second)
 
 
 def bad_candidates() -> list[tuple[str, PoseStamped, str]]:
@@ -67,7 +74,9 @@ def bad_candidates() -> list[tuple[str, PoseStamped, str]]:
     return cases
 
 
-def test_bad_candidates_are_answered_and_the_next_good_one_is_tried(launch, probe: Probe, middle: Pose) -> None:
+def test_bad_candidates_are_answered_and_the_next_good_one_is_tried(
+    launch, probe: Probe, middle: Pose
+) -> None:
     qualities = probe.listen(GraspQuality, "grasp_quality", qos.QUALITIES)
     launch("hand_node", object=OBJECT)
     candidates = probe.publisher(PoseStamped, "candidate_pose", qos.CANDIDATES)
@@ -107,7 +116,7 @@ def test_two_hands_have_topics_of_their_own(launch, probe: Probe, middle: Pose) 
     for second, namespace in enumerate(("left", "other"), start=1):
         candidates = probe.publisher(PoseStamped, f"{namespace}/candidate_pose", qos.CANDIDATES)
         candidates.publish(to_pose_stamped_msg(second * 1_000_000_000, OBJECT, middle))
-        assert qualities.wait_for(lambda q, s=second: q.header.stamp.sec == s).hand
+        assert qualities.wait_for(partial(stamped, second)).hand
     assert {quality.hand for quality in qualities.messages} == {"icub_left", "icub_right"}
 
 

@@ -26,7 +26,7 @@ def status(probe: Probe) -> Inbox[ExplorationStatus]:
 
 
 def finished(status: ExplorationStatus) -> bool:
-    return status.state == ExplorationStatus.FINISHED
+    return bool(status.state == ExplorationStatus.FINISHED)
 
 
 def test_an_answer_that_comes_late_or_twice_counts_once(launch, probe: Probe, status) -> None:
@@ -51,7 +51,7 @@ def test_an_answer_that_comes_late_or_twice_counts_once(launch, probe: Probe, st
 
 def test_a_hand_that_never_answers_costs_the_trial_not_the_run(launch, probe: Probe, status) -> None:
     hand = PlayedHand(probe)
-    hand.respond = lambda candidate: []
+    hand.respond = lambda _: []
     diagnostics = probe.listen(DiagnosticArray, "/diagnostics")
     launch("optimizer_node", budget=3, initial_points=3, trial_timeout=0.2, max_attempts=2, object=OBJECT)
     assert "no answer from hand" in status.wait_for(lambda s: bool(s.message)).message
@@ -66,10 +66,15 @@ def test_a_hand_that_never_answers_costs_the_trial_not_the_run(launch, probe: Pr
 
 def test_a_silent_hands_trials_go_to_another_hand(launch, probe: Probe, status) -> None:
     deaf, well = PlayedHand(probe, "deaf"), PlayedHand(probe, "well")
-    deaf.respond = lambda candidate: []
+    deaf.respond = lambda _: []
     launch(
-        "optimizer_node", budget=9, initial_points=9, trial_timeout=0.3, max_attempts=20,
-        hands=["deaf", "well"], object=OBJECT,
+        "optimizer_node",
+        budget=9,
+        initial_points=9,
+        trial_timeout=0.3,
+        max_attempts=20,
+        hands=["deaf", "well"],
+        object=OBJECT,
     )
     final = status.wait_for(finished)
     assert (final.evaluations, final.failed) == (9, 0)
@@ -149,7 +154,9 @@ def test_start_pause_resume_reset(launch, probe: Probe, status) -> None:
     assert order("start").success
     hand.candidates.wait_for_count(10)
     assert order("pause").success
-    paused = status.wait_for(lambda s: s.state == ExplorationStatus.PAUSED and s.pending == 0 or s.pending <= 2)
+    paused = status.wait_for(
+        lambda s: s.state == ExplorationStatus.PAUSED
+    )
     assert not order("start").success
     assert order("resume").success
     status.wait_for(lambda s: s.evaluations >= paused.evaluations + 5)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
-from mebo_grasp_interfaces.msg import GraspQuality, OcclusionArray
+from mebo_grasp_interfaces.msg import GraspQuality, Occlusion, OcclusionArray
 from mebo_grasp_interfaces.msg import SolutionSet as SolutionSetMsg
 from mebo_grasp_interfaces.srv import GetBestGrasp, GetSolutionSet, ResetArchive
 from shape_msgs.msg import SolidPrimitive
@@ -38,7 +39,7 @@ class Desk:
 
     def add(self, quality: float, position=(0.0, 0.1, 0.0), **changes) -> GraspQuality:
         self._stamp += 1_000_000_000
-        message = answer(to_pose_stamped_msg(self._stamp, OBJECT, Pose(list(position))), quality)
+        message = answer(to_pose_stamped_msg(self._stamp, OBJECT, Pose(np.array(position))), quality)
         for name, value in changes.items():
             setattr(message, name, value)
         self._qualities.publish(message)
@@ -104,7 +105,7 @@ def test_occlusions_of_the_topic_are_known_until_ignored(filled: Desk) -> None:
     assert filled.best.wait_for(lambda m: m.pose.position.z == 0.0, after=seen + 1)
 
 
-def bad_occlusions() -> list:
+def bad_occlusions() -> list[Occlusion]:
     wrong_frame = box_occlusion((0, 0, 0), (1, 1, 1), frame="kitchen")
     negative = box_occlusion((0, 0, 0), (-1, 1, 1))
     too_few = box_occlusion((0, 0, 0), (1, 1, 1))
