@@ -1,0 +1,238 @@
+"""One run: ask, evaluate, tell, with every step in a log; and what is told of it in the end.
+
+A run that was killed continues from its log without evaluating a point again. Methods of this package
+restore their state from the log; peers are asked again from the start with the same seed and get the
+logged values (their own state is not ours to save).
+"""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mebo_grasp.errors import RunLogError
+from mebo_grasp.experiments.metrics import (
+    STRICT_ACCURACIES,
+    competition_count,
+    strict_count,
+    text_count,
+    thesis_score,
+)
+from mebo_grasp.experiments.peers import PEER_NAMES, Peer, make_peer, peer_packages
+from mebo_grasp.experiments.problems import Problem
+from mebo_grasp.experiments.protocol import Job, make_problem, settings_of
+from mebo_grasp.grasp import FloatArray
+from mebo_grasp.optimization.run_log import LoggedOptimizer, RunLog
+from mebo_grasp.optimization.search_space import SearchSpace
+
+StopCheck = Callable[[], bool]
+_PACKAGES = ("mebo_grasp", "numpy", "scipy", "scikit-learn", "numba")
+
+
+class RunStopped(Exception):  # noqa: N818  it is a request, not an error
+    """The run was asked to stop; its log holds what was done."""
+
+
+def versions(method: str) -> dict[str, str]:
+    """Versions of Python and of the packages that decide the run's trace."""
+    found = {"python": platform.python_version()}
+    for package in (*_PACKAGES, *peer_packages(method)):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "not installed"
+    return found
+
+
+def run_job(job: Job, out: Path, stop: StopCheck = lambda: False) -> dict[str, Any]:
+    """Run or continue a job and return its result as JSON values.
+
+    Args:
+        job: what to run.
+        out: the experiment's folder.
+        stop: asked between batches; when it says yes, the run ends with ``RunStopped``.
+
+    Raises:
+        RunStopped: ``stop`` said yes.
+        RunLogError: the run's log cannot be read, written or continued.
+        InvalidSettingsError: the job names something unknown.
+    """
+    problem = make_problem(job)
+    path = job.log_path(out)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    begin = time.perf_counter()
+    run = _run_peer if job.method in PEER_NAMES else _run_method
+    cpu_seconds, resumed, solutions = run(job, problem, path, stop)
+    result = score_log(job, path)
+    return {
+        "kind": "result",
+        "key": job.key,
+        "job": job.as_dict(),
+        "versions": versions(job.method),
+        "optimizer_cpu_seconds": cpu_seconds,
+        "wall_seconds": time.perf_counter() - begin,
+        "resumed": resumed,
+        "solutions": solutions.tolist(),
+        "strict": {f"{a:g}": strict_count(problem, solutions, a) for a in STRICT_ACCURACIES},
+        **result,
+    }
+
+
+def _is_empty_log(path: Path) -> bool:
+    """Whether a log was killed before its header was whole: nothing was evaluated, so it may go."""
+    return path.exists() and b"\n" not in path.read_bytes()
+
+
+def _run_method(job: Job, problem: Problem, path: Path, stop: StopCheck) -> tuple[float, bool, FloatArray]:
+    if _is_empty_log(path):
+        path.unlink()
+    resumed = path.exists()
+    cpu = 0.0
+    if resumed:
+        optimizer = LoggedOptimizer.resume(path)
+    else:
+        names = tuple(f"x{i}" for i in range(problem.dim))
+        method, settings = settings_of(job, problem)
+        space = SearchSpace(names, problem.lower, problem.upper)
+        begin = time.process_time()
+        optimizer = LoggedOptimizer.create(path, space, method, settings, rng=job.seed)
+        cpu += time.process_time() - begin
+    try:
+        while not optimizer.finished:
+            if stop():
+                raise RunStopped
+            begin = time.process_time()
+            trials = list(optimizer.pending) or optimizer.ask()
+            cpu += time.process_time() - begin
+            values = problem(np.array([trial.x for trial in trials]))
+            begin = time.process_time()
+            for trial, value in zip(trials, values, strict=True):
+                optimizer.tell(trial.id, float(value))
+            cpu += time.process_time() - begin
+        solutions = np.array([item.x for item in optimizer.solution_set()]).reshape(-1, problem.dim)
+    finally:
+        optimizer.close()
+    return cpu, resumed, solutions
+
+
+def _run_peer(job: Job, problem: Problem, path: Path, stop: StopCheck) -> tuple[float, bool, FloatArray]:
+    if _is_empty_log(path):
+        path.unlink()
+    resumed = path.exists()
+    X, y, _ = read_trace(path, problem.dim) if resumed else (np.empty((0, problem.dim)), np.empty(0), [])
+    begin = time.process_time()
+    peer = make_peer(job.method, problem.lower, problem.upper, job.n_initial, job.batch_size, job.seed)
+    cpu = time.process_time() - begin
+    header = {"method": job.method, "seed": job.seed, "budget": job.budget, "versions": versions(job.method)}
+    log = RunLog.append(path) if resumed else RunLog.create(path, header)
+    try:
+        n = 0
+        while n < job.budget:
+            if stop():
+                raise RunStopped
+            begin = time.process_time()
+            batch = peer.ask(job.budget - n)
+            cpu += time.process_time() - begin
+            values = _answer_peer(problem, batch, X[n : n + len(batch)], y[n : n + len(batch)], n, log)
+            begin = time.process_time()
+            peer.tell(batch, values)
+            cpu += time.process_time() - begin
+            n += len(batch)
+    finally:
+        log.close()
+    return cpu, resumed, _peer_solutions(peer, problem, path)
+
+
+def _answer_peer(
+    problem: Problem, batch: FloatArray, logged_X: FloatArray, logged_y: FloatArray, first: int, log: RunLog
+) -> FloatArray:
+    """Values of a peer's batch: the logged ones as far as the log goes, evaluated and logged beyond."""
+    known = len(logged_y)
+    if not np.array_equal(batch[:known], logged_X):
+        raise RunLogError(
+            f"{log.path} cannot be continued: the peer asked other points than before at evaluation {first}; "
+            "delete the file to run it again"
+        )
+    fresh = problem(batch[known:]) if known < len(batch) else np.empty(0)
+    if known == 0:
+        trials = [{"id": first + i, "x": x.tolist(), "phase": "peer"} for i, x in enumerate(batch)]
+        log.write({"kind": "ask", "phase": "peer", "trials": trials})
+    for i, value in enumerate(fresh, start=known):
+        log.write({"kind": "tell", "id": first + i, "value": float(value)})
+    return np.concatenate([logged_y, fresh])
+
+
+def _peer_solutions(peer: Peer, problem: Problem, path: Path) -> FloatArray:
+    """Peers return no set of solutions; the best point of each niche stands for it."""
+    del peer
+    X, y, _ = read_trace(path, problem.dim)
+    order = np.argsort(-y, kind="stable")
+    kept: list[int] = []
+    for i in order:
+        if len(kept) == problem.n_optima:
+            break
+        if not kept or np.min(np.linalg.norm(X[kept] - X[i], axis=1)) > problem.niche_radius:
+            kept.append(int(i))
+    return X[kept]
+
+
+def read_trace(path: Path, dim: int) -> tuple[FloatArray, FloatArray, list[list[int]]]:
+    """Evaluated points, values and batches of a log, in the order of asking.
+
+    Args:
+        path: a run log.
+        dim: dimensions of the problem.
+
+    Returns:
+        X of shape (n, d), y of shape (n,) with NaN for failed trials, and for each ask after the
+        initial design the indices of its points. Trials still open are left out.
+
+    Raises:
+        RunLogError: the file is no run log.
+    """
+    points: dict[int, list[float]] = {}
+    values: dict[int, float] = {}
+    batches: list[list[int]] = []
+    for record in RunLog.load(path):
+        if record["kind"] == "ask":
+            points |= {trial["id"]: trial["x"] for trial in record["trials"]}
+            batch = [trial["id"] for trial in record["trials"] if trial["phase"] != "initial design"]
+            batches += [batch] if batch else []
+        elif record["kind"] == "tell":
+            values[record["id"]] = record["value"]
+        elif record["kind"] == "tell_failed":
+            values[record["id"]] = float("nan")
+    ids = sorted(values)
+    X = np.array([points[i] for i in ids], dtype=np.float64).reshape(-1, dim)
+    return X, np.array([values[i] for i in ids], dtype=np.float64), batches
+
+
+def score_log(job: Job, path: Path) -> dict[str, Any]:
+    """Score the trace of a finished run by every rule, as JSON values.
+
+    Raises:
+        RunLogError: the file is no run log.
+    """
+    problem = make_problem(job)
+    X, y, batches = read_trace(path, problem.dim)
+    score = thesis_score(problem, X, y, job.budget)
+    variances = [np.var(X[batch], axis=0) for batch in batches if len(batch) > 1 and max(batch) < len(X)]
+    return {
+        "evaluations": len(y),
+        "n_optima": problem.n_optima,
+        "found": score.found,
+        "found_values": score.found_values.tolist(),
+        "first_all": score.first_all,
+        "last_change": score.last_change,
+        "curve": score.curve.tolist(),
+        "text_count": text_count(problem, X, y),
+        "competition": {f"{a:g}": competition_count(problem, X, y, a) for a in STRICT_ACCURACIES},
+        "batch_variance": np.mean(variances, axis=0).tolist() if variances else None,
+        "best_value": float(np.nanmax(y)) if np.any(np.isfinite(y)) else None,
+    }

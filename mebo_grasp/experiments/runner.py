@@ -1,0 +1,279 @@
+"""Runs jobs in parallel processes, keeps every finished run, and continues after a stop or a kill.
+
+Each job writes its own log as it goes (``run_job``). The parent alone appends finished runs to
+``results.jsonl``, one line each, so a kill at any moment loses at most the line being written, which
+the next start writes again from the run's complete log.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TextIO
+
+from mebo_grasp.errors import InvalidSettingsError, MeboGraspError, RunLogError
+from mebo_grasp.experiments.protocol import Job
+from mebo_grasp.experiments.run_job import RunStopped, run_job
+
+RESULTS_FILE = "results.jsonl"
+_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+_REPORT_SECONDS = 15.0
+
+Result = dict[str, Any]
+
+_stop_event: Any = None
+# One per worker process, set by its initializer: a multiprocessing event can only be inherited, not sent.
+
+
+@dataclass
+class Outcome:
+    """What came of a list of jobs.
+
+    Args:
+        results: finished runs, earlier ones included, in the order of the jobs.
+        failures: (job's key, message) of the runs that ended in an error.
+        interrupted: whether Ctrl-C ended it before all jobs were done.
+    """
+
+    results: list[Result] = field(default_factory=list)
+    failures: list[tuple[str, str]] = field(default_factory=list)
+    interrupted: bool = False
+
+
+def load_results(out: Path) -> dict[str, Result]:
+    """Finished runs of an experiment's folder by the job's key; a torn last line is left out.
+
+    Raises:
+        RunLogError: a line before the last is not a result.
+    """
+    path = out / RESULTS_FILE
+    if not path.exists():
+        return {}
+    lines = path.read_bytes().split(b"\n")
+    results: dict[str, Result] = {}
+    for number, line in enumerate(lines[:-1], start=1):
+        try:
+            record = json.loads(line)
+            results[str(record["key"])] = record
+        except (ValueError, KeyError, TypeError) as error:
+            raise RunLogError(f"line {number} of {path} is not a result: {error!r}") from error
+    return results
+
+
+def _open_results(out: Path) -> TextIO:
+    """Open for appending; what a kill left of a last line is cut off."""
+    path = out / RESULTS_FILE
+    if path.exists():
+        content = path.read_bytes()
+        whole = content.rfind(b"\n") + 1
+        if whole < len(content):
+            with path.open("r+b") as stream:
+                stream.truncate(whole)
+    return path.open("a", encoding="utf-8")
+
+
+def _start_worker(event: Any) -> None:
+    global _stop_event
+    _stop_event = event
+    # Ctrl-C reaches the whole process group; the parent answers it and tells the workers by the event.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _work(job: Job, out: Path) -> Result:
+    """Run one job in a worker; an error becomes a result of its own kind, so that one bad run ends alone."""
+    try:
+        return run_job(job, out, stop=_stop_event.is_set)
+    except RunStopped:
+        return {"kind": "stopped", "key": job.key}
+    except MeboGraspError as error:
+        return {"kind": "error", "key": job.key, "message": str(error)}
+    except Exception:
+        return {"kind": "error", "key": job.key, "message": traceback.format_exc()}
+
+
+class Progress:
+    """A line with the share done and the time left, rewritten on a terminal, printed now and then elsewhere.
+
+    Args:
+        total: number of jobs to run.
+        workers: processes side by side.
+        stream: where to write.
+    """
+
+    def __init__(self, total: int, workers: int, stream: TextIO) -> None:
+        self._total, self._workers, self._stream = total, workers, stream
+        self._begin = self._reported = time.monotonic()
+        self._seconds: dict[str, list[float]] = {}
+        self._done = 0
+
+    def finished(self, method: str, seconds: float) -> None:
+        """Count a run of a method that took some wall time."""
+        self._done += 1
+        self._seconds.setdefault(method, []).append(seconds)
+
+    def seconds_left(self, waiting: Sequence[str]) -> float | None:
+        """Estimate from the mean time of each method's runs so far; None before the first run is done.
+
+        Args:
+            waiting: the method of each job that is not done.
+        """
+        if not self._seconds:
+            return None
+        means = {method: sum(times) / len(times) for method, times in self._seconds.items()}
+        overall = sum(means.values()) / len(means)
+        return sum(means.get(method, overall) for method in waiting) / self._workers
+
+    def show(self, waiting: Sequence[str], force: bool = False) -> None:
+        """Write the line if it is due."""
+        now = time.monotonic()
+        if not force and not self._stream.isatty() and now - self._reported < _REPORT_SECONDS:
+            return
+        self._reported = now
+        left = self.seconds_left(waiting)
+        text = (
+            f"{self._done}/{self._total} runs, {_clock(now - self._begin)} elapsed, "
+            f"{'-' if left is None else _clock(left)} left"
+        )
+        self._stream.write(f"\r{text:<60}" if self._stream.isatty() else f"{text}\n")
+        self._stream.flush()
+
+    def close(self) -> None:
+        """End the line on a terminal."""
+        if self._stream.isatty():
+            self._stream.write("\n")
+            self._stream.flush()
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Child processes started inside use one BLAS thread; the variables are read when numpy is loaded."""
+    before = {name: os.environ.get(name) for name in _ONE_THREAD}
+    os.environ.update(_ONE_THREAD)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def _interrupt_sets(event: Any) -> Iterator[None]:
+    """The first Ctrl-C sets the event instead of breaking off what is being written; the next one kills."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.getsignal(signal.SIGINT)
+
+    def answer(number: int, frame: Any) -> None:
+        del number, frame
+        event.set()
+        signal.signal(signal.SIGINT, before)
+
+    signal.signal(signal.SIGINT, answer)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def run_jobs(jobs: Sequence[Job], out: Path, workers: int = 1, progress: TextIO | None = None) -> Outcome:
+    """Run all jobs that are not finished yet.
+
+    Ctrl-C (SIGINT) ends every run after the batch it is at; all that was evaluated is kept and the next
+    call continues there.
+
+    Args:
+        jobs: what to run, in this order.
+        out: the experiment's folder; made if absent.
+        workers: processes side by side, each with one BLAS thread.
+        progress: where the progress line goes; standard error if None.
+
+    Raises:
+        InvalidSettingsError: workers is below 1 or two jobs are the same.
+        RunLogError: the folder's results cannot be read.
+    """
+    if workers < 1:
+        raise InvalidSettingsError(f"workers must be at least 1, got {workers}")
+    if len({job.key for job in jobs}) < len(jobs):
+        raise InvalidSettingsError("two jobs are the same run; give each method, function and seed once")
+    out.mkdir(parents=True, exist_ok=True)
+    known = load_results(out)
+    to_do = [job for job in jobs if job.key not in known]
+    outcome = Outcome()
+    if to_do:
+        with _open_results(out) as stream:
+            bar = Progress(len(to_do), workers, progress or sys.stderr)
+            _run_all(to_do, out, workers, stream, bar, known, outcome)
+    outcome.results = [known[job.key] for job in jobs if job.key in known]
+    return outcome
+
+
+def _run_all(
+    jobs: list[Job],
+    out: Path,
+    workers: int,
+    stream: TextIO,
+    bar: Progress,
+    known: dict[str, Result],
+    outcome: Outcome,
+) -> None:
+    context = multiprocessing.get_context("spawn")
+    event = context.Event()
+    with (
+        _interrupt_sets(event),
+        _one_thread_each(),
+        ProcessPoolExecutor(min(workers, len(jobs)), context, _start_worker, (event,)) as pool,
+    ):
+        futures = {pool.submit(_work, job, out): job for job in jobs}
+        waiting = set(futures)
+        while waiting:
+            waiting = _collect(waiting, futures, stream, bar, known, outcome)
+            if event.is_set() and not outcome.interrupted:
+                outcome.interrupted = True
+                waiting = {future for future in waiting if not future.cancel()}
+        bar.show([], force=True)
+        bar.close()
+
+
+def _collect(
+    waiting: set[Future[Result]],
+    futures: dict[Future[Result], Job],
+    stream: TextIO,
+    bar: Progress,
+    known: dict[str, Result],
+    outcome: Outcome,
+) -> set[Future[Result]]:
+    """Wait a moment, keep what has finished, return what has not."""
+    done, rest = wait(waiting, timeout=1.0, return_when=FIRST_COMPLETED)
+    for future in done:
+        job, result = futures[future], future.result()
+        if result["kind"] == "error":
+            outcome.failures.append((job.key, result["message"]))
+        elif result["kind"] == "result":
+            stream.write(json.dumps(result, allow_nan=False) + "\n")
+            stream.flush()
+            known[job.key] = result
+        if result["kind"] != "stopped":
+            bar.finished(job.method, float(result.get("wall_seconds", 0.0)))
+    bar.show([futures[future].method for future in rest])
+    return rest
