@@ -11,7 +11,7 @@ import numpy as np
 from mebo_grasp_interfaces.msg import ExplorationStatus
 from mebo_grasp_interfaces.srv import GetBestGrasp
 
-from mebo_grasp.cli.processes import NodeGroup, NodeProcess
+from mebo_grasp.nodes.processes import NodeGroup, NodeProcess
 from mebo_grasp.cli.report import HEADER, ProgressLine, grasp_row, grasp_table
 from mebo_grasp.errors import InvalidSettingsError, MeboGraspError
 from mebo_grasp.grasp import Pose, StampedGrasp
