@@ -6,12 +6,12 @@ import math
 from typing import Any
 
 import numpy as np
+from mebo_grasp_interfaces.msg import GraspContact as GraspContactMsg
+from mebo_grasp_interfaces.msg import GraspQuality
 from sensor_msgs.msg import JointState
 
 from mebo_grasp.errors import InvalidMessageError
 from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, HandPosture, StampedGrasp
-from mebo_grasp_interfaces.msg import GraspContact as GraspContactMsg
-from mebo_grasp_interfaces.msg import GraspQuality
 from msg_adapters.checks import require_finite, require_frame
 from msg_adapters.pose import (
     from_point_msg,

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 
+from mebo_grasp_interfaces.msg import Occlusion as OcclusionMsg
+from mebo_grasp_interfaces.msg import OcclusionArray
 from shape_msgs.msg import SolidPrimitive
 
 from mebo_grasp.errors import InvalidMessageError, InvalidOcclusionError
 from mebo_grasp.solutions.occlusion import Box, Cone, Cylinder, Occlusion, Shape, Sphere
-from mebo_grasp_interfaces.msg import Occlusion as OcclusionMsg
-from mebo_grasp_interfaces.msg import OcclusionArray
 from msg_adapters.checks import require_frame
 from msg_adapters.pose import from_pose_msg, to_pose_msg
 from msg_adapters.time import to_time_msg

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from mebo_grasp_interfaces.msg import SolutionSet as SolutionSetMsg
+
 from mebo_grasp.errors import InvalidMessageError
 from mebo_grasp.solutions.solution_set import SolutionSet
-from mebo_grasp_interfaces.msg import SolutionSet as SolutionSetMsg
 from msg_adapters.checks import require_finite, require_frame
 from msg_adapters.grasp import from_grasp_quality_msg, to_grasp_quality_msg
 from msg_adapters.time import to_time_msg

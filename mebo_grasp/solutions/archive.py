@@ -189,6 +189,16 @@ class SolutionArchive:
             self._index = GraspIndex(self._store.load_poses())
         return deleted
 
+    def object_counts(self) -> dict[str, int]:
+        """Return the number of trials of each object in the file.
+
+        Raises:
+            ArchiveError: the archive is closed or damaged.
+        """
+        with self._guard:
+            self._require_open()
+            return self._store.object_counts()
+
     def close(self) -> None:
         """Close the database; harmless when called again."""
         with self._guard:

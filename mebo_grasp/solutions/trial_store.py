@@ -37,6 +37,8 @@ SQLITE_MAGIC = b"SQLite format 3\x00"
 IN_MEMORY = ":memory:"
 LARGEST_STAMP_NS = 2**63 - 1
 FETCHED_ROWS = 20_000
+NOT_STORED = -1
+"""Key of an object or session that no row names yet."""
 
 _TRIAL_COLUMNS = (
     "stamp_ns, outcome, quality, px, py, pz, qx, qy, qz, qw, epsilon, volume, isotropy, force_closure"
@@ -141,22 +143,24 @@ class TrialStore:
                 connection.execute("PRAGMA journal_mode = WAL")
                 connection.execute(f"PRAGMA synchronous = {'FULL' if sync_each_trial else 'NORMAL'}")
                 self._object_key = self._find_object(connection)
-                self._session = self._begin_session(connection)
+                self._session = NOT_STORED
             except BaseException:
                 connection.close()
                 raise
         return connection
 
     def _find_object(self, connection: sqlite3.Connection) -> int:
-        connection.execute("INSERT OR IGNORE INTO object (name) VALUES (?)", (self.object_id,))
-        (key,) = connection.execute(
+        row = connection.execute(
             "SELECT id FROM object WHERE name = ?", (self.object_id,)
         ).fetchone()
-        return int(key)
+        return NOT_STORED if row is None else int(row[0])
 
-    def _begin_session(self, connection: sqlite3.Connection) -> int:
+    def _begin_session(self, connection: sqlite3.Connection) -> None:
+        """Name the object and this session, at the first trial: opening alone changes nothing."""
+        connection.execute("INSERT OR IGNORE INTO object (name) VALUES (?)", (self.object_id,))
         cursor = connection.execute("INSERT INTO session (begun_ns) VALUES (?)", (time.time_ns(),))
-        return int(cursor.lastrowid or 0)
+        self._object_key = self._find_object(connection)
+        self._session = int(cursor.lastrowid or 0)
 
     @contextmanager
     def _transaction(self, doing: str) -> Iterator[sqlite3.Connection]:
@@ -177,25 +181,33 @@ class TrialStore:
         Raises:
             ArchiveError: the trial cannot be written; nothing of it is stored then.
         """
-        grasp = stamped.grasp
         if not 0 <= stamped.stamp_ns <= LARGEST_STAMP_NS:
             raise ArchiveError(
                 f"stamp {stamped.stamp_ns} ns is outside 0 to {LARGEST_STAMP_NS} and cannot be stored"
             )
-        key = (self._object_key, stamped.stamp_ns)
-        with self._transaction("write to") as connection:
-            cursor = connection.execute(
-                f"INSERT OR IGNORE INTO trial (object, session, {_TRIAL_COLUMNS}) "
-                "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-                (self._object_key, self._session, *_trial_values(stamped)),
-            )
-            if cursor.rowcount == 0:
-                return False
-            connection.execute(
-                f"INSERT INTO trial_detail (object, stamp_ns, {_DETAIL_COLUMNS}) "
-                "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
-                (*key, *_detail_values(grasp)),
-            )
+        session, object_key = self._session, self._object_key
+        try:
+            with self._transaction("write to") as connection:
+                if session == NOT_STORED:
+                    self._begin_session(connection)
+                return self._insert(connection, stamped)
+        except BaseException:
+            self._session, self._object_key = session, object_key
+            raise
+
+    def _insert(self, connection: sqlite3.Connection, stamped: StampedGrasp) -> bool:
+        cursor = connection.execute(
+            f"INSERT OR IGNORE INTO trial (object, session, {_TRIAL_COLUMNS}) "
+            "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+            (self._object_key, self._session, *_trial_values(stamped)),
+        )
+        if cursor.rowcount == 0:
+            return False
+        connection.execute(
+            f"INSERT INTO trial_detail (object, stamp_ns, {_DETAIL_COLUMNS}) "
+            "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+            (self._object_key, stamped.stamp_ns, *_detail_values(stamped.grasp)),
+        )
         return True
 
     def count(self) -> int:

@@ -1,0 +1,106 @@
+"""The archive's answers are those of a plain loop over all stored grasps."""
+
+import math
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from mebo_grasp.grasp import Pose, StampedGrasp
+from mebo_grasp.solutions.archive import SolutionArchive
+from mebo_grasp.solutions.best_grasp import BestGraspAnswer, BestGraspQuery
+from mebo_grasp.solutions.diversity import PoseMetric
+from mebo_grasp.solutions.occlusion import Occlusion
+from test.property.solution_strategies import OBJECT, many_grasps, occlusions, trials
+
+METRIC = PoseMetric(rotation_weight=0.05)
+
+
+def plain_distance(a: Pose, b: Pose) -> float:
+    relative = Rotation.from_quat(a.quaternion_xyzw).inv() * Rotation.from_quat(b.quaternion_xyzw)
+    return math.hypot(
+        math.dist(a.position, b.position), METRIC.rotation_weight * float(relative.magnitude())
+    )
+
+
+def plain_blockers(query: BestGraspQuery, stamped: StampedGrasp) -> list[Occlusion]:
+    point = stamped.grasp.T_object_tcp.position
+    return [occlusion for occlusion in query.occlusions if occlusion.contains(point[None])[0]]
+
+
+def plain_answer(query: BestGraspQuery, stored: list[StampedGrasp]) -> tuple[list[int], int, int]:
+    """Stamps, considered, occluded, from one loop over the grasps sorted by quality and stamp."""
+    chosen: list[StampedGrasp] = []
+    considered = occluded = 0
+    good = [s for s in stored if s.grasp.quality > 0 and s.grasp.quality >= query.min_quality]
+    for stamped in sorted(good, key=lambda s: (-s.grasp.quality, s.stamp_ns)):
+        if len(chosen) == query.max_grasps:
+            break
+        considered += 1
+        if plain_blockers(query, stamped):
+            occluded += 1
+        elif all(
+            plain_distance(stamped.grasp.T_object_tcp, c.grasp.T_object_tcp) >= query.min_diversity
+            for c in chosen
+        ):
+            chosen.append(stamped)
+    return [stamped.stamp_ns for stamped in chosen], considered, occluded
+
+
+def check(answer: BestGraspAnswer, query: BestGraspQuery, stored: list[StampedGrasp]) -> None:
+    stamps, considered, occluded = plain_answer(query, stored)
+    assert [stamped.stamp_ns for stamped in answer.grasps] == stamps
+    assert (answer.considered, answer.occluded) == (considered, occluded)
+    assert sum(count for _, count in answer.blocked_by) == occluded
+    blockers = [o.id for s in stored for o in plain_blockers(query, s)]
+    for name, count in answer.blocked_by:
+        assert count <= blockers.count(name)
+    assert bool(answer.explanation) == (not answer.grasps)
+
+
+queries = st.builds(
+    BestGraspQuery,
+    occlusions=occlusions(),
+    max_grasps=st.integers(1, 6),
+    min_quality=st.sampled_from([0.0, 0.1, 0.25, 2.0]),
+    min_diversity=st.sampled_from([0.0, 0.02, 0.1, 0.3]),
+)
+
+
+@settings(deadline=None)
+@given(stored=trials(), asked=st.lists(queries, min_size=1, max_size=3))
+def test_the_answer_is_that_of_a_loop_over_all_grasps(
+    stored: list[StampedGrasp], asked: list[BestGraspQuery]
+) -> None:
+    with SolutionArchive(":memory:", OBJECT, METRIC) as archive:
+        for count, stamped in enumerate(stored, start=1):
+            archive.add(stamped)
+            if count % 7 == 0:  # a question in between sees every trial stored before it
+                check(archive.best(asked[0]), asked[0], stored[:count])
+        for query in asked:
+            check(archive.best(query), query, stored)
+
+
+@settings(deadline=None, max_examples=25)
+@given(query=queries, seed=st.integers(0, 2**32 - 1))
+def test_the_answer_over_thousands_of_grasps_is_that_of_a_loop(query: BestGraspQuery, seed: int) -> None:
+    stored = many_grasps(3000, np.random.default_rng(seed))
+    with SolutionArchive(":memory:", OBJECT, METRIC) as archive:
+        for stamped in stored:
+            archive.add(stamped)
+        check(archive.best(query), query, stored)
+
+
+@settings(deadline=None, max_examples=50)
+@given(stored=trials(), size=st.integers(1, 5), min_distance=st.sampled_from([0.0, 0.05, 0.2]))
+def test_the_set_is_greedy_and_mutually_diverse_after_every_trial(
+    stored: list[StampedGrasp], size: int, min_distance: float
+) -> None:
+    query = BestGraspQuery(max_grasps=size, min_diversity=min_distance)
+    with SolutionArchive(":memory:", OBJECT, METRIC) as archive:
+        for count, stamped in enumerate(stored, start=1):
+            archive.add(stamped)
+            solutions = archive.solution_set(size, min_distance)
+            expected, _, _ = plain_answer(query, stored[:count])
+            assert [s.stamp_ns for s in solutions.grasps] == expected
