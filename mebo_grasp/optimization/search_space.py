@@ -67,7 +67,8 @@ class SearchSpace:
                 f"bounds must have shape {expected} for {names}, got lower {lower.shape}, upper {upper.shape}"
             )
         for name, low, high in zip(names, lower, upper, strict=True):
-            if not (np.isfinite(low) and np.isfinite(high)) or not np.isfinite(high - low):
+            # Python floats: their difference overflows to infinity without a warning.
+            if not np.isfinite(float(high) - float(low)):
                 raise InvalidSettingsError(f"bounds of {name} must be finite, got [{low}, {high}]")
             if low >= high:
                 raise InvalidSettingsError(

@@ -16,6 +16,7 @@ from scipy.linalg import blas, lapack
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import FloatArray
+from mebo_grasp.optimization.surrogate import pairwise
 from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel
 
 _CHUNK = 512
@@ -55,11 +56,15 @@ class Hyperparameters:
 
 def standardize(y: FloatArray) -> tuple[FloatArray, float, float]:
     """Return (z, centre, scale) with z = (y - centre) / scale; equal values get scale 1."""
-    centre = float(np.mean(y)) if len(y) else 0.0
-    spread = float(np.std(y)) if len(y) else 0.0
     magnitude = float(np.max(np.abs(y))) if len(y) else 0.0
-    scale = spread if spread > 1e-14 * magnitude and spread > 0.0 else 1.0
-    return (y - centre) / scale, centre, scale
+    if magnitude == 0.0:
+        return np.zeros(len(y)), 0.0, 1.0
+    # Sums of squares of huge values overflow, so moments are taken of values in [-1, 1].
+    relative = y / magnitude
+    centre, spread = float(np.mean(relative)), float(np.std(relative))
+    if spread <= 1e-14:
+        return np.zeros(len(y)), float(y[0]), 1.0
+    return (relative - centre) / spread, centre * magnitude, spread * magnitude
 
 
 def cholesky(K: FloatArray) -> FloatArray:
@@ -73,7 +78,8 @@ def cholesky(K: FloatArray) -> FloatArray:
     jitter = 0.0
     scale = float(np.mean(np.diag(K)))
     for _ in range(8):
-        L, info = lapack.dpotrf(K + jitter * np.eye(len(K)) if jitter else K, lower=1, clean=1)
+        # K is symmetric, so its transpose is K in the order that LAPACK wants: no copy is reordered.
+        L, info = lapack.dpotrf((K + jitter * np.eye(len(K)) if jitter else K).T, lower=1, clean=1)
         if info == 0 and np.all(np.isfinite(np.diag(L))):
             factor: FloatArray = L
             return factor
@@ -281,7 +287,7 @@ def log_marginal_likelihood_and_gradient(
     weights, _ = lapack.dpotrs(L, z, lower=1)
     value = -0.5 * float(z @ weights) - float(np.sum(np.log(np.diag(L)))) - 0.5 * len(z) * np.log(2.0 * np.pi)
     inverse, _ = lapack.dpotri(L, lower=1, overwrite_c=1)
-    inverse = np.tril(inverse)
-    W = np.outer(weights, weights) - (inverse + np.tril(inverse, -1).T)
+    W = inverse.T  # C order; LAPACK's lower triangle is its upper one
+    pairwise.evidence_weights(W, weights)
     gradient = 0.5 * kernel.parameter_gradient(U, hyperparameters.theta, W)
     return value, np.append(gradient, 0.5 * noise * float(np.trace(W)))

@@ -120,21 +120,108 @@ def squared_exponential(A: FloatArray, B_T: FloatArray, variance: float) -> Floa
     return K
 
 
+@njit(cache=True, fastmath=_FLAGS)
+def _matern52_parts(row: FloatArray, values: FloatArray, power: FloatArray, variance: float) -> None:
+    """Turn squared distances ``row``, shape (n,), into slopes in place; write covariances to ``values``."""
+    for j in range(row.shape[0]):
+        s = np.sqrt(5.0 * row[j])
+        values[j] = variance * (1.0 + s + s * s / 3.0)
+        row[j] = -s
+    # exp_in_place needs the exponents; the slope's factor is recovered from them afterwards.
+    exponents = row.copy()
+    exp_in_place(row, power)
+    for j in range(row.shape[0]):
+        values[j] *= row[j]
+        row[j] *= variance * (5.0 / 3.0) * (1.0 - exponents[j])
+
+
+@njit(cache=True, fastmath=_FLAGS)
+def _squared_exponential_parts(
+    row: FloatArray, values: FloatArray, power: FloatArray, variance: float
+) -> None:
+    """Like ``_matern52_parts`` for the squared exponential, whose slope equals its value."""
+    for j in range(row.shape[0]):
+        row[j] *= -0.5
+    exp_in_place(row, power)
+    for j in range(row.shape[0]):
+        row[j] *= variance
+        values[j] = row[j]
+
+
 @njit(cache=True, fastmath=_SUMS)
-def weighted_squared_differences(A: FloatArray, B_T: FloatArray, W: FloatArray, S: FloatArray) -> FloatArray:
-    """Return sum_ij W_ij S_ij (a_iq - b_jq)^2 for each dimension q, shape (d,)."""
-    total = np.zeros(A.shape[1])
-    product = np.empty(B_T.shape[1])
-    for i in range(A.shape[0]):
-        for j in range(B_T.shape[1]):
-            product[j] = W[i, j] * S[i, j]
-        for q in range(A.shape[1]):
-            partial = 0.0
-            for j in range(B_T.shape[1]):
-                delta = A[i, q] - B_T[q, j]
-                partial += product[j] * delta * delta
-            total[q] += partial
+def _add_weighted_sums(
+    point: FloatArray,
+    B_T: FloatArray,
+    w: FloatArray,
+    slopes: FloatArray,
+    values: FloatArray,
+    total: FloatArray,
+) -> None:
+    """Add one row's terms of the gradient by (log l_1, …, log l_d, log s²) to ``total``, shape (d + 1,)."""
+    dim = point.shape[0]
+    partial = 0.0
+    for j in range(w.shape[0]):
+        partial += w[j] * values[j]
+        slopes[j] *= w[j]
+    total[dim] += partial
+    for q in range(dim):
+        partial = 0.0
+        for j in range(w.shape[0]):
+            delta = point[q] - B_T[q, j]
+            partial += slopes[j] * delta * delta
+        total[q] += partial
+
+
+@njit(cache=True, fastmath=_FLAGS)
+def matern52_gradient_sums(B_T: FloatArray, W: FloatArray, variance: float) -> FloatArray:
+    """Return sum_ij W_ij dk_ij/dtheta, shape (d + 1,), for a symmetric W; only its upper triangle is read.
+
+    Args:
+        B_T: scaled points as columns, shape (d, n).
+        W: shape (n, n).
+        variance: signal variance.
+    """
+    dim, n = B_T.shape
+    total = np.zeros(dim + 1)
+    row, values, power = np.empty(n), np.empty(n), np.empty(n)
+    diagonal = 0.0
+    for i in range(n):
+        diagonal += W[i, i]
+        point = B_T[:, i].copy()
+        others = B_T[:, i + 1 :]
+        squared_distances(point, others, row[i + 1 :])
+        _matern52_parts(row[i + 1 :], values[i + 1 :], power[i + 1 :], variance)
+        _add_weighted_sums(point, others, W[i, i + 1 :], row[i + 1 :], values[i + 1 :], total)
+    total *= 2.0
+    total[dim] += variance * diagonal
     return total
+
+
+@njit(cache=True, fastmath=_FLAGS)
+def squared_exponential_gradient_sums(B_T: FloatArray, W: FloatArray, variance: float) -> FloatArray:
+    """Like ``matern52_gradient_sums`` for the squared exponential."""
+    dim, n = B_T.shape
+    total = np.zeros(dim + 1)
+    row, values, power = np.empty(n), np.empty(n), np.empty(n)
+    diagonal = 0.0
+    for i in range(n):
+        diagonal += W[i, i]
+        point = B_T[:, i].copy()
+        others = B_T[:, i + 1 :]
+        squared_distances(point, others, row[i + 1 :])
+        _squared_exponential_parts(row[i + 1 :], values[i + 1 :], power[i + 1 :], variance)
+        _add_weighted_sums(point, others, W[i, i + 1 :], row[i + 1 :], values[i + 1 :], total)
+    total *= 2.0
+    total[dim] += variance * diagonal
+    return total
+
+
+@njit(cache=True, fastmath=_FLAGS)
+def evidence_weights(inverse: FloatArray, weights: FloatArray) -> None:
+    """Replace the upper triangle of K⁻¹, shape (n, n), by that of weights weightsᵀ - K⁻¹."""
+    for i in range(inverse.shape[0]):
+        for j in range(i, inverse.shape[0]):
+            inverse[i, j] = weights[i] * weights[j] - inverse[i, j]
 
 
 @njit(cache=True, fastmath=_SUMS)

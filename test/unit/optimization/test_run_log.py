@@ -1,0 +1,157 @@
+import json
+
+import numpy as np
+import pytest
+
+from mebo_grasp.errors import RunLogError
+from mebo_grasp.optimization.optimizer import OptimizerSettings
+from mebo_grasp.optimization.run_log import LoggedOptimizer, RunLog, resume
+from mebo_grasp.optimization.search_space import SearchSpace
+
+SPACE = SearchSpace(("x", "y"), np.full(2, -6.0), np.full(2, 6.0), ("m", "m"))
+
+
+def objective(x):
+    return float(200 - (x[0] ** 2 + x[1] - 11) ** 2 - (x[0] + x[1] ** 2 - 7) ** 2)
+
+
+def evaluate(run, trial):
+    """Every fifth trial fails, so that failures are part of the trace."""
+    if trial.id % 5 == 4:
+        run.tell_failed(trial.id, "collision check timed out")
+    else:
+        run.tell(trial.id, objective(trial.x))
+
+
+def finish(run):
+    while not run.finished:
+        for trial in run.pending or run.ask():
+            evaluate(run, trial)
+
+
+def full_run(path, method="mebo", budget=26):
+    settings = OptimizerSettings(budget=budget, n_initial=8, burn_in=20, relearn_period=2)
+    run = LoggedOptimizer.create(path, SPACE, method, settings, 3)
+    finish(run)
+    run.close()
+    return path.read_bytes()
+
+
+def test_killed_at_every_line_it_resumes_to_the_same_trace(tmp_path):
+    content = full_run(tmp_path / "full.jsonl")
+    lines = content.splitlines(keepends=True)
+    assert len(lines) > 30
+    for kept in range(1, len(lines) + 1):
+        torn = lines[kept][: len(lines[kept]) // 2] if kept < len(lines) else b""
+        path = tmp_path / f"{kept}.jsonl"
+        path.write_bytes(b"".join(lines[:kept]) + torn)
+        run = LoggedOptimizer.resume(path)
+        finish(run)
+        run.close()
+        assert path.read_bytes() == content, f"killed after line {kept}"
+
+
+def test_two_runs_of_one_seed_write_the_same_bytes(tmp_path):
+    assert full_run(tmp_path / "a.jsonl") == full_run(tmp_path / "b.jsonl")
+
+
+def test_foreign_observations_are_part_of_the_trace(tmp_path):
+    path = tmp_path / "run.jsonl"
+    settings = OptimizerSettings(budget=12, n_initial=3, burn_in=20)
+    run = LoggedOptimizer.create(path, SPACE, "mebo", settings, 3)
+    run.ask()
+    run.observe([3.0, 2.0], 200.0)
+    expected = run.optimizer.ask(3)
+    again = resume(path).ask(3)
+    assert [t.x.tolist() for t in again] == [t.x.tolist() for t in expected]
+
+
+def test_open_trials_are_open_again(tmp_path):
+    path = tmp_path / "run.jsonl"
+    run = LoggedOptimizer.create(path, SPACE, "random", OptimizerSettings(budget=9, n_initial=3), 3)
+    run.ask()
+    run.tell(1, 5.0)
+    again = resume(path)
+    assert [(t.id, t.x.tolist()) for t in again.pending] == [(t.id, t.x.tolist()) for t in run.pending]
+    assert again.incumbent is not None
+    assert again.incumbent.value == 5.0
+
+
+def test_failure_reasons_are_kept(tmp_path):
+    path = tmp_path / "run.jsonl"
+    run = LoggedOptimizer.create(path, SPACE, "random", OptimizerSettings(budget=9, n_initial=3), 3)
+    run.ask()
+    run.tell_failed(0, "hand lost")
+    assert RunLog.load(path)[-1] == {"kind": "tell_failed", "id": 0, "reason": "hand lost"}
+
+
+def test_an_existing_file_is_never_overwritten(tmp_path):
+    path = tmp_path / "run.jsonl"
+    path.write_text("precious")
+    with pytest.raises(RunLogError, match="exists already"):
+        LoggedOptimizer.create(path, SPACE)
+    assert path.read_text() == "precious"
+
+
+def test_refused_steps_are_not_logged(tmp_path):
+    path = tmp_path / "run.jsonl"
+    run = LoggedOptimizer.create(path, SPACE, "random", OptimizerSettings(budget=9, n_initial=3), 3)
+    run.ask()
+    before = path.read_bytes()
+    for action in (lambda: run.tell(99, 1.0), lambda: run.tell(0, np.nan), lambda: run.observe([99, 0], 1.0)):
+        with pytest.raises(Exception, match=r"unknown|finite|outside"):
+            action()
+    assert path.read_bytes() == before
+
+
+def edited(tmp_path, edit):
+    """A log of one ask and three tells, with its list of records changed by ``edit``."""
+    path = tmp_path / "run.jsonl"
+    run = LoggedOptimizer.create(path, SPACE, "mebo", OptimizerSettings(budget=9, n_initial=3), 3)
+    for trial in run.ask():
+        run.tell(trial.id, 1.0)
+    run.close()
+    records = [json.loads(line) for line in path.read_text().splitlines()]
+    edit(records)
+    path.write_text("".join(json.dumps(record) + "\n" for record in records))
+    return path
+
+
+BROKEN = {
+    "no header": lambda r: r.pop(0),
+    "other format": lambda r: r[0].update(format=99),
+    "unknown method": lambda r: r[0].update(method="none such"),
+    "unknown setting": lambda r: r[0]["settings"].update(colour="red"),
+    "bad setting": lambda r: r[0]["settings"].update(budget=-1),
+    "bad space": lambda r: r[0]["space"].update(lower=[9.0, 9.0]),
+    "bad generator": lambda r: r[0]["rng"].update(bit_generator="Dice"),
+    "unknown kind": lambda r: r[1].update(kind="guess"),
+    "told twice": lambda r: r.append(r[-1]),
+    "id gap": lambda r: r[1]["trials"][0].update(id=5),
+    "point outside": lambda r: r[1]["trials"][0].update(u=[2.0, 0.0]),
+    "method state": lambda r: r[1]["method"].pop("proposed"),
+    "surrogate state": lambda r: r[1]["method"].update(surrogate=None),
+    "value is text": lambda r: r[2].update(value="much"),
+    "no id": lambda r: r[2].pop("id"),
+    "a list": lambda r: r.insert(1, [1, 2]),
+}
+
+
+@pytest.mark.parametrize("edit", BROKEN.values(), ids=BROKEN.keys())
+def test_contradicting_logs_get_a_clear_error(tmp_path, edit):
+    path = edited(tmp_path, edit)
+    with pytest.raises(RunLogError):
+        resume(path)
+
+
+def test_a_broken_line_in_the_middle_is_an_error_and_an_absent_file_too(tmp_path):
+    path = edited(tmp_path, lambda _: None)
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text(lines[0] + "{torn\n" + "".join(lines[1:]))
+    with pytest.raises(RunLogError, match="line 2"):
+        resume(path)
+    with pytest.raises(RunLogError, match="cannot read"):
+        resume(tmp_path / "absent.jsonl")
+    (tmp_path / "empty.jsonl").write_bytes(b"")
+    with pytest.raises(RunLogError, match="no header"):
+        resume(tmp_path / "empty.jsonl")
