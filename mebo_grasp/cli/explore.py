@@ -11,8 +11,8 @@ import numpy as np
 from mebo_grasp_interfaces.msg import ExplorationStatus
 from mebo_grasp_interfaces.srv import GetBestGrasp
 
-from mebo_grasp.nodes.processes import NodeGroup, NodeProcess
 from mebo_grasp.cli.report import HEADER, ProgressLine, grasp_row, grasp_table
+from mebo_grasp.cli.run_folder import DATABASE, PICTURE, RUN_LOG
 from mebo_grasp.errors import InvalidSettingsError, MeboGraspError
 from mebo_grasp.grasp import Pose, StampedGrasp
 from mebo_grasp.grasping.hand_model import HandModel
@@ -21,6 +21,7 @@ from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.nodes.domain import private_domain
 from mebo_grasp.nodes.exploration_client import ExplorationClient
 from mebo_grasp.nodes.exploration_plan import SPACES
+from mebo_grasp.nodes.processes import NodeGroup, NodeProcess
 from mebo_grasp.optimization.methods.registry import METHOD_NAMES
 from mebo_grasp.solutions.occlusion import Box, Occlusion
 from msg_adapters.grasp import from_grasp_quality_msg
@@ -30,8 +31,6 @@ START_TIMEOUT = 60.0
 SETTLE_TIMEOUT = 10.0
 FAR = 1.0
 """Half side, metres, of the occluding boxes of the demonstration: wide enough for every hand around."""
-
-DATABASE, RUN_LOG, PICTURE = "trials.db", "run.jsonl", "grasps.png"
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -61,6 +60,8 @@ def run(options: argparse.Namespace) -> int:
     """Explore, report and draw; returns the exit code."""
     target = TargetObject.load(options.object, options.scale)
     hand = HandModel.load(options.hand)
+    if options.budget < 1:
+        raise InvalidSettingsError(f"--budget must be at least 1, got {options.budget}")
     directory = _prepare_directory(options, target.object_id)
     with private_domain() as domain_id, NodeGroup() as nodes, ExplorationClient(domain_id) as client:
         print(f"exploring '{target.object_id}' in {directory} (ROS_DOMAIN_ID={domain_id}, this machine only)")

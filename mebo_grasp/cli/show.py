@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from mebo_grasp.cli.explore import DATABASE, PICTURE
 from mebo_grasp.cli.report import grasp_table
+from mebo_grasp.cli.run_folder import DATABASE, PICTURE, read_run
 from mebo_grasp.errors import ArchiveError
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.rendering import render_grasps
@@ -19,12 +19,12 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     """Add the command to the command line."""
     parser = commands.add_parser("show", help="print and draw the diverse grasps of a stored run")
     parser.add_argument("run_folder", type=Path, help="folder of a run, or its database")
-    parser.add_argument("--object", default="bottle", help="built-in name or mesh file (default: bottle)")
-    parser.add_argument("--scale", type=float, default=1.0, help="factor from the mesh's unit to metres")
-    parser.add_argument("--hand", default="icub_left", help="built-in name or hand description")
+    parser.add_argument("--object", help="built-in name or mesh file (default: that of the run)")
+    parser.add_argument("--scale", type=float, help="factor from the mesh's unit to metres")
+    parser.add_argument("--hand", help="built-in name or hand description")
     parser.add_argument("--size", type=int, default=4, help="grasps in the solution set (default: 4)")
     parser.add_argument("--min-distance", type=float, default=0.04, help="least distance of two [m]")
-    parser.add_argument("--picture", type=Path, help="PNG file (default: beside the database); '' for none")
+    parser.add_argument("--picture", type=Path, help="PNG file (default: beside the database)")
     parser.set_defaults(run=run)
 
 
@@ -33,7 +33,9 @@ def run(options: argparse.Namespace) -> int:
     path: Path = options.run_folder / DATABASE if options.run_folder.is_dir() else options.run_folder
     if not path.exists():
         raise ArchiveError(f"{path} does not exist; name the folder of a run, as given by explore --out")
-    target = TargetObject.load(options.object, options.scale)
+    explored = read_run(path.parent)
+    target = TargetObject.load(options.object or explored.object, options.scale or explored.scale)
+    hand = HandModel.load(options.hand or explored.hand)
     with SolutionArchive(path, target.object_id, PoseMetric()) as archive:
         solutions = archive.solution_set(options.size, options.min_distance)
         stored = len(archive)
@@ -43,6 +45,6 @@ def run(options: argparse.Namespace) -> int:
         return 0
     print(grasp_table(solutions.grasps))
     picture = options.picture or path.with_name(PICTURE)
-    render_grasps(target, HandModel.load(options.hand), [s.grasp for s in solutions.grasps], picture)
+    render_grasps(target, hand, [stamped.grasp for stamped in solutions.grasps], picture)
     print(f"\npicture: {picture}")
     return 0

@@ -1,8 +1,8 @@
 """Measures the nodes over real DDS: ``python -m mebo_grasp.nodes.bench_nodes``.
 
-Prints, with spread: the overhead of a trial over ROS (from candidate to quality, less the simulator's own time),
-the answer time of ``get_best_grasp`` with 10,000 stored trials, the answer time of the optimizer's services while
-it computes, and the memory of each node.
+Prints, with spread: the overhead of a trial over ROS (from candidate to quality, less the simulator's own
+time), the answer time of ``get_best_grasp`` with 10,000 stored trials, the answer time of the optimizer's
+services while it computes, and the memory of each node.
 """
 
 from __future__ import annotations
@@ -220,8 +220,9 @@ def bench_optimizer(domain_id: int, folder: Path, count: int, method: str) -> No
         spread(f"optimizer ({method}): status from stamp to subscriber", np.array(hand.status_gaps))
         done = hand.evaluations - began
         print(
-            f"optimizer ({method}): {1000 * seconds / done:.1f} ms a trial, {3000 * seconds / done:.0f} ms a batch "
-            f"of 3, all in, at {began} to {hand.evaluations} trials in 6-D; {memory(optimizer):.0f} MB resident"
+            f"optimizer ({method}): {1000 * seconds / done:.1f} ms a trial, "
+            f"{3000 * seconds / done:.0f} ms a batch of 3, all in, "
+            f"at {began} to {hand.evaluations} trials in 6-D; {memory(optimizer):.0f} MB resident"
         )
         hand.stop()
         bench.close()

@@ -249,7 +249,8 @@ class OptimizerNode(Node):
     def _change_state(self, order: str, expected: int, target: int) -> None:
         if self._state != expected:
             raise MeboGraspError(
-                f"cannot {order} while {STATE_NAMES[self._state]}; {order} works while {STATE_NAMES[expected]}"
+                f"cannot {order} while {STATE_NAMES[self._state]}; "
+                f"{order} works while {STATE_NAMES[expected]}"
             )
         self._state = target
         self._status_due = 0.0

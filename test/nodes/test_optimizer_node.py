@@ -154,9 +154,7 @@ def test_start_pause_resume_reset(launch, probe: Probe, status) -> None:
     assert order("start").success
     hand.candidates.wait_for_count(10)
     assert order("pause").success
-    paused = status.wait_for(
-        lambda s: s.state == ExplorationStatus.PAUSED
-    )
+    paused = status.wait_for(lambda s: s.state == ExplorationStatus.PAUSED)
     assert not order("start").success
     assert order("resume").success
     status.wait_for(lambda s: s.evaluations >= paused.evaluations + 5)

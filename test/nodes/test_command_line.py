@@ -1,0 +1,115 @@
+"""``mebo-grasp`` as a user runs it: whole explorations, Ctrl-C, resuming, and mistakes."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mebo_grasp.solutions.archive import SolutionArchive
+
+from .harness import WAIT, wait_until
+
+COMMAND = str(Path(sys.executable).parent / "mebo-grasp")
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=180)
+
+
+def nodes_of(folder: Path) -> list[str]:
+    """Return the command lines of running nodes that were started for a folder."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        try:
+            line = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+        except (OSError, UnicodeDecodeError):
+            continue
+        if str(folder) in line and "mebo_grasp.nodes" in line:
+            found.append(line)
+    return found
+
+
+@pytest.mark.nodes
+def test_explore_prints_the_set_and_what_is_left_under_occlusion_and_show_repeats_it(tmp_path: Path) -> None:
+    done = run("explore", "--budget", "30", "--initial", "20", "--seed", "2", "--out", tmp_path / "run")
+    assert done.returncode == 0, done.stderr
+    assert "30/30 trials" in done.stderr
+    assert "30 trials stored" in done.stdout
+    assert "with the top occluded" in done.stdout
+    assert "with top and middle occluded" in done.stdout
+    picture = tmp_path / "run" / "grasps.png"
+    assert picture.read_bytes().startswith(PNG)
+    assert nodes_of(tmp_path) == []
+
+    picture.unlink()
+    shown = run("show", tmp_path / "run")
+    assert shown.returncode == 0, shown.stderr
+    rows = re.findall(r"^ +\d+  .*$", done.stdout, flags=re.MULTILINE)
+    assert all(row in done.stdout for row in re.findall(r"^ +\d+  .*$", shown.stdout, flags=re.MULTILINE))
+    assert rows
+    assert picture.read_bytes().startswith(PNG)
+
+
+@pytest.mark.nodes
+def test_ctrl_c_keeps_what_was_found_and_the_same_command_resumes(tmp_path: Path) -> None:
+    arguments = [COMMAND, "explore", "--budget", "150", "--out", str(tmp_path / "run")]
+    process = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    log = tmp_path / "run" / "run.jsonl"
+    wait_until(lambda: log.exists() and log.read_text().count('"tell"') >= 10)
+    process.send_signal(signal.SIGINT)
+    output, errors = process.communicate(timeout=WAIT)
+    assert process.returncode == 130, errors
+    assert "kept" in output
+    assert "Traceback" not in errors
+    assert nodes_of(tmp_path) == []
+    with SolutionArchive(tmp_path / "run" / "trials.db", "bottle") as archive:
+        kept = len(archive)
+    assert 10 <= kept <= 150
+    resumed = run(*arguments[1:])
+    assert resumed.returncode == 0, resumed.stderr
+    stored = re.search(r"(\d+) trials stored", resumed.stdout)
+    assert stored is not None
+    assert int(stored.group(1)) >= 150
+    other = run(*arguments[1:], "--seed", "9", "--method", "random")
+    assert other.returncode == 1
+    assert "another method" in other.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["explore", "--object", "unicorn"], "unicorn"),
+        (["explore", "--object", "bottle", "--method", "guessing"], "guessing"),
+        (["explore", "--budget", "0"], "budget"),
+        (["explore", "--hand", "claw"], "claw"),
+        (["show", "no/such/folder"], "no/such/folder"),
+        (["dance"], "dance"),
+        ([], "COMMAND"),
+    ],
+)
+def test_mistakes_are_named_and_leave_no_folder(arguments: list[str], expected: str, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [COMMAND, *arguments],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": ""},
+    )
+    assert done.returncode in (1, 2)
+    assert expected in done.stderr
+    assert "Traceback" not in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_help_names_every_command() -> None:
+    done = run("--help")
+    assert done.returncode == 0
+    assert all(command in done.stdout for command in ("explore", "show"))
