@@ -62,6 +62,9 @@ def run(options: argparse.Namespace) -> int:
     hand = HandModel.load(options.hand)
     if options.budget < 1:
         raise InvalidSettingsError(f"--budget must be at least 1, got {options.budget}")
+    if Path(options.object).is_file():
+        # The nodes and a later `show` may run elsewhere.
+        options.object = str(Path(options.object).resolve())
     directory = _prepare_directory(options, target.object_id)
     with private_domain() as domain_id, NodeGroup() as nodes, ExplorationClient(domain_id) as client:
         print(f"exploring '{target.object_id}' in {directory} (ROS_DOMAIN_ID={domain_id}, this machine only)")
