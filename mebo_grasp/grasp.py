@@ -113,17 +113,17 @@ class Pose:
 
     def inverse(self) -> Pose:
         """Return the transform from the parent frame to the child's."""
-        rotation = self.rotation.inv()
-        return Pose(-rotation.apply(self.position), rotation.as_quat())
+        R_inverse = self.rotation.as_matrix().T
+        return Pose(-R_inverse @ self.position, self.rotation.inv().as_quat())
 
     def __matmul__(self, other: Pose) -> Pose:
         """Compose: ``T_a_b @ T_b_c`` is ``T_a_c``."""
         rotation = self.rotation * other.rotation
-        return Pose(self.position + self.rotation.apply(other.position), rotation.as_quat())
+        return Pose(self.transform_points(other.position), rotation.as_quat())
 
     def transform_points(self, points: npt.ArrayLike) -> FloatArray:
         """Map points of the child frame, shape (n, 3) or (3,), metres, into the parent frame."""
-        mapped: FloatArray = self.rotation.apply(np.asarray(points, dtype=np.float64)) + self.position
+        mapped: FloatArray = np.asarray(points, dtype=np.float64) @ self.rotation.as_matrix().T + self.position
         return mapped
 
 
