@@ -1,0 +1,148 @@
+"""The one place that speaks to PyBullet: exact gaps between a hand's shapes and the object."""
+
+from __future__ import annotations
+
+from types import TracebackType
+
+import numpy as np
+import numpy.typing as npt
+import pybullet
+from numba import njit
+
+from mebo_grasp.grasping.target_object import TargetObject
+from mebo_grasp.grasping.urdf import LinkShape
+
+FloatArray = npt.NDArray[np.float64]
+
+HULL_MARGIN = 1e-3
+"""Bullet inflates every convex mesh by this much (metres); gaps and points are corrected for it."""
+QUERY_RANGE = 0.012
+"""Gaps beyond this are reported as this, metres."""
+
+
+@njit(cache=True)
+def place(T_parent: FloatArray, T_shape: FloatArray, out: FloatArray) -> None:
+    """Write position and unit quaternion xyzw of ``T_parent @ T_shape``, both (4, 4), into ``out``, shape (7,)."""
+    R = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                R[i, j] += T_parent[i, k] * T_shape[k, j]
+    for i in range(3):
+        out[i] = T_parent[i, 3]
+        for k in range(3):
+            out[i] += T_parent[i, k] * T_shape[k, 3]
+    # The largest of the four squared components is the safe one to divide by (Shepperd, 1978).
+    trace = R[0, 0] + R[1, 1] + R[2, 2]
+    largest, best = 3, trace
+    for k in range(3):
+        if R[k, k] > best:
+            largest, best = k, R[k, k]
+    q = out[3:]
+    if largest == 3:
+        q[0], q[1], q[2], q[3] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], 1.0 + trace
+    else:
+        i, j, k = largest, (largest + 1) % 3, (largest + 2) % 3
+        q[i], q[j], q[k] = 1.0 - trace + 2.0 * R[i, i], R[j, i] + R[i, j], R[k, i] + R[i, k]
+        q[3] = R[k, j] - R[j, k]
+    q /= np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+
+
+class BulletWorld:
+    """An object alone in a world without display, asked for its gap to single shapes.
+
+    Each world has a client of its own, so several can live in one process.
+
+    Args:
+        target: the object; its convex parts become convex shapes, a bare surface a triangle mesh.
+        shapes: the shapes that will be asked about, in the order of their indices.
+        T_group_shape: (P, 4, 4) pose of each shape in the frame of its rigid group.
+    """
+
+    def __init__(
+        self, target: TargetObject, shapes: tuple[LinkShape, ...], T_group_shape: FloatArray
+    ) -> None:
+        self._client = pybullet.connect(pybullet.DIRECT)
+        self._margin_object = HULL_MARGIN if target.solid_parts else 0.0
+        self._bodies = self._object_bodies(target)
+        self._shapes = [self._hand_shape(shape) for shape in shapes]
+        self._T_group_shape = np.ascontiguousarray(T_group_shape)
+        self._placed = np.empty(7)
+        self._margins = [HULL_MARGIN if shape.kind == "mesh" else 0.0 for shape in shapes]
+
+    def _object_bodies(self, target: TargetObject) -> list[int]:
+        if not target.solid_parts:
+            mesh = target.mesh
+            shape = pybullet.createCollisionShape(
+                pybullet.GEOM_MESH, vertices=mesh.vertices.tolist(), indices=mesh.faces.reshape(-1).tolist(),
+                flags=pybullet.GEOM_FORCE_CONCAVE_TRIMESH, physicsClientId=self._client,
+            )
+            return [pybullet.createMultiBody(0, shape, physicsClientId=self._client)]
+        bodies = []
+        for part in target.solid_parts:
+            shape = pybullet.createCollisionShape(
+                pybullet.GEOM_MESH, vertices=part.tolist(), physicsClientId=self._client
+            )
+            bodies.append(pybullet.createMultiBody(0, shape, physicsClientId=self._client))
+        return bodies
+
+    def _hand_shape(self, shape: LinkShape) -> int:
+        kwargs: dict[str, object] = {"physicsClientId": self._client}
+        if shape.kind == "box":
+            kind = pybullet.GEOM_BOX
+            kwargs["halfExtents"] = [side / 2.0 for side in shape.dims]
+        elif shape.kind == "sphere":
+            kind = pybullet.GEOM_SPHERE
+            kwargs["radius"] = shape.dims[0]
+        elif shape.kind == "mesh":
+            kind = pybullet.GEOM_MESH
+            kwargs["vertices"] = np.asarray(shape.vertices).tolist()
+        else:
+            kind = pybullet.GEOM_CAPSULE if shape.kind == "capsule" else pybullet.GEOM_CYLINDER
+            kwargs["radius"], kwargs["height"] = shape.dims
+        return int(pybullet.createCollisionShape(kind, **kwargs))
+
+    def closest(
+        self, index: int, T_object_group: FloatArray, reach: float = QUERY_RANGE
+    ) -> tuple[float, tuple[float, float, float] | None, tuple[float, float, float] | None]:
+        """Return the gap between a shape and the object, the object's point, and the direction into the object.
+
+        Args:
+            index: the shape.
+            T_object_group: pose of the shape's group in the object's frame, (4, 4).
+            reach: gaps beyond this are reported as ``reach`` without a point, metres.
+        """
+        place(T_object_group, self._T_group_shape[index], self._placed)
+        placed = self._placed.tolist()
+        margin = self._margin_object + self._margins[index]
+        best, point, direction = reach, None, None
+        for body in self._bodies:
+            hits = pybullet.getClosestPoints(
+                bodyA=body, bodyB=-1, distance=reach - margin, collisionShapeB=self._shapes[index],
+                collisionShapePositionB=placed[:3], collisionShapeOrientationB=placed[3:],
+                physicsClientId=self._client,
+            )
+            for hit in hits:
+                gap = hit[8] + margin
+                if gap < best:
+                    best, point, direction = gap, hit[5], hit[7]
+        if point is None or direction is None:
+            return reach, None, None
+        # Bullet's normal points from the shape (B) to the object (A); the object's point lies on its margin.
+        inward = (float(direction[0]), float(direction[1]), float(direction[2]))
+        on_surface = tuple(float(point[k]) + inward[k] * self._margin_object for k in range(3))
+        return float(best), (on_surface[0], on_surface[1], on_surface[2]), inward
+
+    def close(self) -> None:
+        """Free the world; closing twice does no harm."""
+        if self._client >= 0:
+            pybullet.disconnect(physicsClientId=self._client)
+            self._client = -1
+
+    def __enter__(self) -> BulletWorld:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

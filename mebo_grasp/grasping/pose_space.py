@@ -1,0 +1,203 @@
+"""Search spaces: which numbers describe a candidate, within which bounds, and what pose they stand for.
+
+The hand approaches the object from +y with its palm facing it and its fingers along +x, as in the thesis
+(section 7.4): roll -90 degrees for the left hand, +90 for the right one, whose frame is mirrored.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from mebo_grasp.errors import InvalidSettingsError
+from mebo_grasp.grasp import Pose
+from mebo_grasp.grasping.hand_model import HandModel
+from mebo_grasp.grasping.target_object import TargetObject
+
+FloatArray = npt.NDArray[np.float64]
+
+POSITION_NAMES = ("x", "y", "z")
+ROTATION_NAMES = ("roll", "pitch", "yaw")
+SIDE_MARGIN = 0.03
+"""How far the TCP may stand beyond the object's box along the fingers, metres."""
+DEFAULT_ROTATION_SPAN = (0.5, 0.4, 0.7)
+"""Half ranges of roll, pitch and yaw about the side approach, radians."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSpace:
+    """A box of candidates and the pose of the TCP in the object's frame that each stands for.
+
+    Args:
+        names: names of the dimensions; of x, y, z, roll, pitch, yaw, those that vary.
+        units: unit of each dimension.
+        lower, upper: bounds, shape (d,).
+        base_position: values of the dimensions that do not vary, shape (3,), metres.
+        base_rpy: the same for roll, pitch, yaw, shape (3,), radians.
+
+    Raises:
+        InvalidSettingsError: bounds are not finite, in the wrong order or of the wrong length.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    lower: FloatArray
+    upper: FloatArray
+    base_position: FloatArray
+    base_rpy: FloatArray
+
+    def __post_init__(self) -> None:
+        for which in ("lower", "upper", "base_position", "base_rpy"):
+            object.__setattr__(self, which, np.array(getattr(self, which), dtype=np.float64))
+        check_bounds(self.names, self.lower, self.upper)
+
+    @property
+    def dimension(self) -> int:
+        """Number of dimensions."""
+        return len(self.names)
+
+    def to_pose(self, x: npt.ArrayLike) -> Pose:
+        """Return the pose of a candidate.
+
+        Args:
+            x: shape (d,), in the units of the space; not clipped to the bounds.
+
+        Raises:
+            InvalidSettingsError: wrong number of values.
+            InvalidPoseError: a value is not finite.
+        """
+        values = np.asarray(x, dtype=np.float64)
+        if values.shape != (self.dimension,):
+            raise InvalidSettingsError(
+                f"a candidate of this space has {self.dimension} values ({', '.join(self.names)}), "
+                f"got an array of shape {values.shape}"
+            )
+        full = np.concatenate([self.base_position, self.base_rpy])
+        full[self._indices] = values
+        return Pose.from_rpy(full[:3], full[3:])
+
+    def from_pose(self, pose: Pose) -> FloatArray:
+        """Return the candidate nearest in meaning to a pose, shape (d,): its own position and angles.
+
+        Angles are brought to within half a turn of the middle of their range; fixed dimensions are dropped.
+        """
+        angles = self._nearest_angles(pose)
+        return np.concatenate([pose.position, angles])[self._indices]
+
+    def contains(self, x: npt.ArrayLike, slack: float = 1e-9) -> bool:
+        """Whether a candidate lies within the bounds."""
+        values = np.asarray(x, dtype=np.float64)
+        return bool(np.all(values >= self.lower - slack) and np.all(values <= self.upper + slack))
+
+    @property
+    def _indices(self) -> list[int]:
+        return [(*POSITION_NAMES, *ROTATION_NAMES).index(name) for name in self.names]
+
+    def _nearest_angles(self, pose: Pose) -> FloatArray:
+        middle = self.base_rpy.copy()
+        for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
+            if name in ROTATION_NAMES:
+                middle[ROTATION_NAMES.index(name)] = (low + high) / 2.0
+        roll, pitch, yaw = pose.rpy
+        first = np.array([roll, pitch, yaw])
+        # Every rotation has a second set of angles; the one nearer to the middle of the box is meant.
+        second = np.array([roll + np.pi, np.pi - pitch, yaw + np.pi])
+        candidates = [middle + (angles - middle + np.pi) % (2.0 * np.pi) - np.pi for angles in (first, second)]
+        return min(candidates, key=lambda angles: float(np.abs(angles - middle).sum()))
+
+
+def check_bounds(names: tuple[str, ...], lower: FloatArray, upper: FloatArray) -> None:
+    """Check the bounds of a space.
+
+    Raises:
+        InvalidSettingsError: naming the dimension and the values.
+    """
+    known = (*POSITION_NAMES, *ROTATION_NAMES)
+    if not names or len(set(names)) != len(names) or any(name not in known for name in names):
+        raise InvalidSettingsError(f"dimensions {names} must be some of {known}, each once")
+    if lower.shape != (len(names),) or upper.shape != (len(names),):
+        raise InvalidSettingsError(
+            f"a space of {len(names)} dimensions needs as many lower and upper bounds, "
+            f"got {lower.shape} and {upper.shape}"
+        )
+    for name, low, high in zip(names, lower, upper, strict=True):
+        if not (np.isfinite(low) and np.isfinite(high) and low < high):
+            raise InvalidSettingsError(f"bounds of '{name}' are {low} to {high}; they must be finite and rising")
+
+
+def side_approach_rpy(hand: HandModel) -> FloatArray:
+    """Return roll, pitch, yaw that turn the palm towards -y with the TCP's x axis (the fingers) along +x."""
+    normal = hand.palm_normal
+    return np.array([-np.pi / 2.0 if normal[2] < 0.0 else np.pi / 2.0, 0.0, 0.0])
+
+
+def side_approach_bounds(target: TargetObject, hand: HandModel) -> tuple[FloatArray, FloatArray]:
+    """Return bounds of x, y, z for the side approach, shapes (3,), metres.
+
+    x: along the fingers, so that the palm can stand before any part of the object's width.
+    y: from a palm that touches the object's widest place to fingers that no longer reach it.
+    z: the object's height.
+    """
+    low, high = target.bounds
+    reach = finger_reach(hand)
+    x_low, x_high = low[0] - SIDE_MARGIN, high[0] - reach / 2.0
+    if x_high <= x_low:
+        x_high = x_low + 0.02
+    return (
+        np.array([x_low, (low[1] + high[1]) / 2.0 + 0.25 * (high[1] - low[1]), low[2]]),
+        np.array([x_high, high[1] + reach, high[2]]),
+    )
+
+
+def finger_reach(hand: HandModel) -> float:
+    """Return how far the fingers can get from the palm along its normal, metres: the longest bent chain."""
+    longest = 0.0
+    for finger in hand.fingers:
+        length = sum(float(np.linalg.norm(hand.urdf.joint(name).T_parent_joint[:3, 3])) for name in finger.joints[1:])
+        longest = max(longest, length)
+    return longest
+
+
+def position_space(
+    target: TargetObject, hand: HandModel, lower: npt.ArrayLike | None = None, upper: npt.ArrayLike | None = None
+) -> PoseSpace:
+    """Return the 3-D space of TCP positions at the fixed orientation of the side approach.
+
+    Args:
+        target: the object, from whose box the bounds are derived.
+        hand: the hand.
+        lower, upper: bounds of x, y, z that override the derived ones, shape (3,), metres.
+
+    Raises:
+        InvalidSettingsError: bounds out of order.
+    """
+    derived_low, derived_high = side_approach_bounds(target, hand)
+    return PoseSpace(
+        POSITION_NAMES, ("m",) * 3, derived_low if lower is None else np.asarray(lower, dtype=np.float64),
+        derived_high if upper is None else np.asarray(upper, dtype=np.float64), np.zeros(3), side_approach_rpy(hand),
+    )
+
+
+def pose_space_6d(
+    target: TargetObject, hand: HandModel, lower: npt.ArrayLike | None = None, upper: npt.ArrayLike | None = None
+) -> PoseSpace:
+    """Return the 6-D space of TCP poses around the side approach: x, y, z, roll, pitch, yaw.
+
+    Args:
+        target: the object, from whose box the bounds are derived.
+        hand: the hand.
+        lower, upper: bounds that override the derived ones, shape (6,), metres and radians.
+
+    Raises:
+        InvalidSettingsError: bounds out of order.
+    """
+    low, high = side_approach_bounds(target, hand)
+    rpy, span = side_approach_rpy(hand), np.array(DEFAULT_ROTATION_SPAN)
+    derived_low, derived_high = np.concatenate([low, rpy - span]), np.concatenate([high, rpy + span])
+    return PoseSpace(
+        (*POSITION_NAMES, *ROTATION_NAMES), ("m",) * 3 + ("rad",) * 3,
+        derived_low if lower is None else np.asarray(lower, dtype=np.float64),
+        derived_high if upper is None else np.asarray(upper, dtype=np.float64), np.zeros(3), rpy,
+    )

@@ -1,0 +1,66 @@
+"""Spheres that cover a link's shape, with their centres inside it: cheap bounds on its distance to an object."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+from mebo_grasp.grasping.urdf import LinkShape
+
+FloatArray = npt.NDArray[np.float64]
+
+SPHERES_OF_ROD = 5
+BOX_SPHERE_SPACING = 0.012
+SLICES_OF_MESH = 5
+
+
+def covering_spheres(shape: LinkShape, T_group_shape: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return centres, shape (n, 3), in the group frame and radii (n,) of spheres whose union holds the shape."""
+    if shape.kind == "sphere":
+        centers, radii = np.zeros((1, 3)), np.array([shape.dims[0]])
+    elif shape.kind == "capsule":
+        centers, radii = _rod(shape.dims[1], shape.dims[0], shape.dims[1] / (SPHERES_OF_ROD - 1))
+    elif shape.kind == "cylinder":
+        piece = shape.dims[1] / SPHERES_OF_ROD
+        centers, radii = _rod(shape.dims[1] - piece, shape.dims[0], piece)
+    elif shape.kind == "box":
+        centers, radii = _box_spheres(np.array(shape.dims))
+    else:
+        centers, radii = _mesh_spheres(np.asarray(shape.vertices))
+    placed = centers @ T_group_shape[:3, :3].T + T_group_shape[:3, 3]
+    return placed, radii
+
+
+def _rod(span: float, radius: float, spacing: float) -> tuple[FloatArray, FloatArray]:
+    """Cover a rod about z with centres over ``span``; each sphere covers half a spacing to either side."""
+    z = np.linspace(-span / 2.0, span / 2.0, SPHERES_OF_ROD)
+    centers = np.column_stack([np.zeros_like(z), np.zeros_like(z), z])
+    return centers, np.full(SPHERES_OF_ROD, np.hypot(radius, spacing / 2.0))
+
+
+def _box_spheres(sides: FloatArray) -> tuple[FloatArray, FloatArray]:
+    counts = np.maximum(1, np.ceil(sides / BOX_SPHERE_SPACING).astype(int))
+    axes = [-sides[k] / 2.0 + sides[k] / counts[k] * (np.arange(counts[k]) + 0.5) for k in range(3)]
+    centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    return centers, np.full(len(centers), float(np.linalg.norm(sides / counts)) / 2.0)
+
+
+def _mesh_spheres(vertices: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Cut a convex hull across its longest direction and take a sphere around each slice."""
+    hull = trimesh.PointCloud(vertices).convex_hull
+    _, _, directions = np.linalg.svd(vertices - vertices.mean(axis=0), full_matrices=False)
+    axis = directions[0]
+    heights = vertices @ axis
+    cuts = np.linspace(heights.min(), heights.max(), SLICES_OF_MESH + 1)
+    centers, radii = [], []
+    for low, high in zip(cuts[:-1], cuts[1:], strict=True):
+        piece = trimesh.intersections.slice_mesh_plane(hull, axis, axis * low)
+        piece = trimesh.intersections.slice_mesh_plane(piece, -axis, axis * high)
+        points = np.asarray(piece.vertices)
+        if len(points) == 0:
+            continue
+        center = points.mean(axis=0)
+        centers.append(center)
+        radii.append(float(np.linalg.norm(points - center, axis=1).max()))
+    return np.array(centers), np.array(radii)

@@ -1,0 +1,220 @@
+"""The object to be grasped: its surface, its solid as convex parts, and checks of its size and soundness."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+from mebo_grasp.errors import InvalidObjectError
+from mebo_grasp.grasping.builtin_objects import BUILDERS, Shape
+
+FloatArray = npt.NDArray[np.float64]
+
+BUILTIN_OBJECTS: tuple[str, ...] = tuple(BUILDERS)
+
+SMALLEST_SIZE = 0.01
+LARGEST_SIZE = 1.0
+"""Range of the longest side of the bounding box, metres: what a hand of human size can meet."""
+SMALLEST_THICKNESS = 0.0005
+MOST_FACES = 1_000_000
+CONVEX_SHARE = 0.985
+"""A closed mesh that fills this share of its convex hull is taken for convex."""
+MESH_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".3mf", ".dae")
+
+
+@dataclass(frozen=True, eq=False)
+class TargetObject:
+    """A rigid object in its own frame.
+
+    Args:
+        object_id: name of the object.
+        mesh: surface for display and for the sampling of faces, metres.
+        solid_parts: convex parts whose union is the solid, each (n, 3) vertices in metres; empty when the
+            object is known by its surface only.
+        symmetry_axis: unit axis of rotational symmetry through the centre of the box, or None.
+
+    Raises:
+        InvalidObjectError: the mesh is empty, flat, not finite, or of implausible size.
+    """
+
+    object_id: str
+    mesh: trimesh.Trimesh
+    solid_parts: tuple[FloatArray, ...] = ()
+    symmetry_axis: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        check_mesh(self.mesh, self.object_id)
+
+    @classmethod
+    def builtin(cls, name: str, scale: float = 1.0) -> TargetObject:
+        """Return one of the ``BUILTIN_OBJECTS``, scaled about the centre of its box.
+
+        Raises:
+            InvalidObjectError: the name is unknown, or the scale is not a positive finite number.
+        """
+        if name not in BUILDERS:
+            raise InvalidObjectError(
+                f"unknown object '{name}'; the built-in ones are {', '.join(BUILTIN_OBJECTS)}, "
+                f"or give a mesh file ({', '.join(MESH_SUFFIXES)})"
+            )
+        check_scale(scale)
+        shape: Shape = BUILDERS[name]()
+        mesh = shape.mesh.copy()
+        mesh.apply_scale(scale)
+        axis = None if shape.symmetry_axis is None else np.array(shape.symmetry_axis)
+        return cls(name, mesh, tuple(part * scale for part in shape.convex_parts), axis)
+
+    @classmethod
+    def from_file(cls, path: str | Path, scale: float = 1.0, object_id: str | None = None) -> TargetObject:
+        """Load a mesh file; its coordinates times ``scale`` are metres.
+
+        Raises:
+            InvalidObjectError: the file is missing or unreadable, or the mesh is unsound.
+        """
+        check_scale(scale)
+        mesh = load_mesh(Path(path))
+        name = object_id or Path(path).stem
+        check_finite(mesh, name)
+        mesh.merge_vertices()
+        mesh.update_faces(mesh.nondegenerate_faces())
+        mesh.remove_unreferenced_vertices()
+        mesh.apply_scale(scale)
+        return cls.from_mesh(mesh, name)
+
+    @classmethod
+    def from_mesh(cls, mesh: trimesh.Trimesh, object_id: str) -> TargetObject:
+        """Wrap a mesh in metres; a closed mesh that is nearly convex becomes one solid part.
+
+        Raises:
+            InvalidObjectError: the mesh is unsound.
+        """
+        check_mesh(mesh, object_id)
+        parts: tuple[FloatArray, ...] = ()
+        if mesh.is_watertight:
+            hull = mesh.convex_hull
+            if abs(mesh.volume) >= CONVEX_SHARE * hull.volume:
+                parts = (np.array(hull.vertices),)
+        return cls(object_id, mesh, parts)
+
+    @classmethod
+    def load(cls, name_or_path: str | Path, scale: float = 1.0) -> TargetObject:
+        """Return a built-in object by name, or else load the file of that path.
+
+        Raises:
+            InvalidObjectError: neither a built-in name nor a readable, sound mesh file.
+        """
+        name = str(name_or_path)
+        if name in BUILDERS:
+            return cls.builtin(name, scale)
+        if not Path(name).suffix:
+            return cls.builtin(name, scale)
+        return cls.from_file(name_or_path, scale)
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Corners of the axis-aligned box in the object frame, shape (2, 3), metres."""
+        return np.array(self.mesh.bounds, dtype=np.float64)
+
+    @property
+    def extents(self) -> FloatArray:
+        """Sides of the axis-aligned box, shape (3,), metres."""
+        bounds = self.bounds
+        return bounds[1] - bounds[0]
+
+    @property
+    def longest_side(self) -> float:
+        """Longest side of the axis-aligned box, metres."""
+        return float(self.extents.max())
+
+    @cached_property
+    def convex_parts(self) -> list[FloatArray]:
+        """Convex parts that stand for the solid, each (n, 3) vertices; the hull if nothing finer is known."""
+        return list(self.solid_parts) or [np.array(self.mesh.convex_hull.vertices)]
+
+    @cached_property
+    def center_of_mass(self) -> FloatArray:
+        """Centre of mass at uniform density, shape (3,); the centre of the surface if that is not closed."""
+        if self.mesh.is_watertight and self.mesh.volume > 0.0:
+            return np.array(self.mesh.center_mass, dtype=np.float64)
+        if self.solid_parts:
+            hulls = [trimesh.PointCloud(part).convex_hull for part in self.solid_parts]
+            volumes = np.array([hull.volume for hull in hulls])
+            centres = np.array([hull.center_mass for hull in hulls])
+            weighted: FloatArray = volumes @ centres / volumes.sum()
+            return weighted
+        return np.array(self.mesh.centroid, dtype=np.float64)
+
+    @cached_property
+    def corner_mean(self) -> FloatArray:
+        """Mean of all triangle corners, shape (3,): what Simox takes for the centre of mass."""
+        return np.array(self.mesh.triangles.reshape(-1, 3).mean(axis=0), dtype=np.float64)
+
+
+def check_scale(scale: float) -> None:
+    """Refuse a scale that is not a positive finite number."""
+    if not (np.isfinite(scale) and scale > 0.0):
+        raise InvalidObjectError(f"scale {scale} must be a positive finite number (1 for metres, 0.001 for mm)")
+
+
+def load_mesh(path: Path) -> trimesh.Trimesh:
+    """Read a mesh file into one mesh, unprocessed; every failure becomes an ``InvalidObjectError``."""
+    if not path.is_file():
+        raise InvalidObjectError(
+            f"no mesh file '{path}'; give an existing file ({', '.join(MESH_SUFFIXES)}) "
+            f"or a built-in object ({', '.join(BUILTIN_OBJECTS)})"
+        )
+    if path.suffix.lower() not in MESH_SUFFIXES:
+        raise InvalidObjectError(f"'{path.name}' is of no known mesh type; use one of {', '.join(MESH_SUFFIXES)}")
+    try:
+        scene = trimesh.load_scene(str(path), process=False)
+        mesh = scene.to_mesh()
+    except Exception as error:
+        # The readers behind trimesh raise anything from KeyError to struct.error on broken files.
+        raise InvalidObjectError(f"cannot read '{path}' as a mesh: {error}") from error
+    return mesh
+
+
+def check_finite(mesh: trimesh.Trimesh, name: str) -> None:
+    """Refuse a mesh without faces, with too many, or with coordinates that are not finite."""
+    if len(mesh.faces) == 0 or len(mesh.vertices) == 0:
+        raise InvalidObjectError(f"object '{name}' is empty: its mesh has no triangles")
+    if len(mesh.faces) > MOST_FACES:
+        raise InvalidObjectError(
+            f"object '{name}' has {len(mesh.faces)} triangles, at most {MOST_FACES} are taken; simplify the mesh"
+        )
+    if not np.all(np.isfinite(mesh.vertices)):
+        bad = int((~np.isfinite(mesh.vertices)).any(axis=1).sum())
+        raise InvalidObjectError(f"object '{name}' has {bad} vertices that are not finite; repair the mesh")
+
+
+def check_mesh(mesh: trimesh.Trimesh, name: str) -> None:
+    """Refuse a mesh that no hand can grasp, saying its size, the size expected and the way out."""
+    check_finite(mesh, name)
+    extents = np.asarray(mesh.bounds[1] - mesh.bounds[0])
+    longest = float(extents.max())
+    size = " x ".join(f"{side:.4g}" for side in extents)
+    if longest > LARGEST_SIZE or longest < SMALLEST_SIZE:
+        raise InvalidObjectError(
+            f"object '{name}' measures {size} m, its longest side must lie between {SMALLEST_SIZE} and "
+            f"{LARGEST_SIZE} m; {_way_out(longest)}"
+        )
+    thickness = min(float(extents.min()), float(np.min(mesh.bounding_box_oriented.primitive.extents)))
+    if thickness < SMALLEST_THICKNESS:
+        raise InvalidObjectError(
+            f"object '{name}' is flat: it measures {size} m and its smallest thickness is {thickness:.3g} m, "
+            f"at least {SMALLEST_THICKNESS} m is needed; give it a volume"
+        )
+
+
+def _way_out(longest: float) -> str:
+    for unit, factor in (("millimetres", 0.001), ("centimetres", 0.01), ("inches", 0.0254)):
+        if longest > LARGEST_SIZE and 0.03 <= longest * factor <= 0.5:
+            return f"it looks like {unit}, use scale {factor}"
+    if longest < SMALLEST_SIZE and 0.03 <= longest * 1000.0 <= 0.5:
+        return "it looks as if scaled to metres twice, use scale 1000"
+    return f"use scale {0.15 / longest:.3g} for a longest side of 150 mm"
