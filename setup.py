@@ -10,7 +10,10 @@ setup(
     name=PACKAGE,
     version="0.1.0",
     packages=find_packages(include=["mebo_grasp*", "msg_adapters*"], exclude=["mebo_grasp_interfaces*"]),
-    package_data={"mebo_grasp": ["py.typed", "grasping/hands/*"], "msg_adapters": ["py.typed"]},
+    package_data={
+        "mebo_grasp": ["py.typed", "grasping/hands/*", "experiments/problems/data/*"],
+        "msg_adapters": ["py.typed"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
