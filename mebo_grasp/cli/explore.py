@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from mebo_grasp_interfaces.msg import ExplorationStatus
-from mebo_grasp_interfaces.srv import GetBestGrasp
 
-from mebo_grasp.cli.report import HEADER, ProgressLine, grasp_row, grasp_table
+from mebo_grasp.cli.report import ProgressLine, grasp_table
 from mebo_grasp.cli.run_folder import DATABASE, PICTURE, RUN_LOG
 from mebo_grasp.errors import InvalidSettingsError, MeboGraspError
 from mebo_grasp.grasp import Pose, StampedGrasp
@@ -19,13 +17,11 @@ from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.rendering import render_grasps
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.nodes.domain import private_domain
-from mebo_grasp.nodes.exploration_client import ExplorationClient
+from mebo_grasp.nodes.exploration_client import ExplorationClient, Standing
 from mebo_grasp.nodes.exploration_plan import SPACES
 from mebo_grasp.nodes.processes import NodeGroup, NodeProcess
 from mebo_grasp.optimization.methods.registry import METHOD_NAMES
 from mebo_grasp.solutions.occlusion import Box, Occlusion
-from msg_adapters.grasp import from_grasp_quality_msg
-from msg_adapters.occlusion import to_occlusion_msg
 
 START_TIMEOUT = 60.0
 SETTLE_TIMEOUT = 10.0
@@ -66,8 +62,13 @@ def run(options: argparse.Namespace) -> int:
         # The nodes and a later `show` may run elsewhere.
         options.object = str(Path(options.object).resolve())
     directory = _prepare_directory(options, target.object_id)
-    with private_domain() as domain_id, NodeGroup() as nodes, ExplorationClient(domain_id) as client:
-        print(f"exploring '{target.object_id}' in {directory} (ROS_DOMAIN_ID={domain_id}, this machine only)")
+    with (
+        private_domain() as domain_id,
+        NodeGroup() as nodes,
+        ExplorationClient(domain_id, target.object_id) as client,
+    ):
+        print(f"exploring '{target.object_id}' (ROS_DOMAIN_ID={domain_id}, this machine only)")
+        print(f"the run is kept in {directory}")
         _start_nodes(nodes, options, directory, domain_id)
         interrupted = not _follow(nodes, client)
         grasps = _report(client, target)
@@ -121,16 +122,16 @@ def _follow(nodes: NodeGroup, client: ExplorationClient) -> bool:
     line = ProgressLine()
     try:
         end = time.monotonic() + START_TIMEOUT
-        while client.status is None or not client.services_ready():
+        while client.standing is None or not client.services_ready():
             nodes.check()
             if time.monotonic() > end:
                 raise MeboGraspError(f"the nodes did not start within {START_TIMEOUT:.0f} s; see their logs")
             client.spin(0.1)
-        while client.status.state != ExplorationStatus.FINISHED:
+        while not client.standing.finished:
             nodes.check()
-            _show(line, client.status)
+            _show(line, client.standing)
             client.spin(0.1)
-        _show(line, client.status)
+        _show(line, client.standing)
     except KeyboardInterrupt:
         line.end()
         print("stopping; what was found is kept")
@@ -139,36 +140,31 @@ def _follow(nodes: NodeGroup, client: ExplorationClient) -> bool:
     return True
 
 
-def _show(line: ProgressLine, status: ExplorationStatus) -> None:
-    line.show(
-        status.evaluations, status.budget, status.best_quality, status.seconds_per_trial, status.message
-    )
+def _show(line: ProgressLine, now: Standing) -> None:
+    line.show(now.evaluations, now.budget, now.best_quality, now.seconds_per_trial, now.note)
 
 
 def _report(client: ExplorationClient, target: TargetObject) -> tuple[StampedGrasp, ...]:
     """Print the set and the best grasps under occlusion; return the set."""
-    if client.status is None or not client.services_ready():
+    if client.standing is None or not client.services_ready():
         return ()
-    evaluations = client.status.evaluations
-    solution_set = client.get_solution_set()
+    kept = client.solution_set()
     end = time.monotonic() + SETTLE_TIMEOUT
-    while solution_set.stored < evaluations and time.monotonic() < end:
+    while kept.stored < client.standing.evaluations and time.monotonic() < end:
         client.spin(0.05)
-        solution_set = client.get_solution_set()
-    grasps = _from_messages(solution_set.grasps, target.object_id)
+        kept = client.solution_set()
     print(
-        f"\n{solution_set.stored} trials stored; {len(grasps)} diverse grasps, mean quality "
-        f"{solution_set.mean_quality:.4f}, "
-        f"mean distance to the nearest {1000 * solution_set.mean_min_distance:.0f} mm"
+        f"\n{kept.stored} trials stored; {len(kept.grasps)} diverse grasps, mean quality "
+        f"{kept.mean_quality:.4f}, mean distance to the nearest {1000 * kept.mean_min_distance:.0f} mm"
     )
-    if not grasps:
+    if not kept.grasps:
         print("no grasp with a quality above 0 was found")
         return ()
-    print(grasp_table(grasps))
+    print(grasp_table(kept.grasps))
     top, middle = third_of(target, 2, "top"), third_of(target, 1, "middle")
-    _print_best(client, target, "with the top occluded", [top])
-    _print_best(client, target, "with top and middle occluded", [top, middle])
-    return grasps
+    _print_best(client, "with the top occluded", [top])
+    _print_best(client, "with top and middle occluded", [top, middle])
+    return kept.grasps
 
 
 def third_of(target: TargetObject, index: int, name: str) -> Occlusion:
@@ -187,20 +183,7 @@ def third_of(target: TargetObject, index: int, name: str) -> Occlusion:
     return Occlusion(name, Box((2 * FAR, 2 * FAR, float(top - bottom))), Pose(center))
 
 
-def _print_best(
-    client: ExplorationClient, target: TargetObject, title: str, occlusions: Iterable[Occlusion]
-) -> None:
-    request = GetBestGrasp.Request()
-    request.occlusions = [to_occlusion_msg(occlusion, target.object_id) for occlusion in occlusions]
-    response = client.get_best_grasp(request)
-    print(f"\nbest grasp {title} ({response.occluded} of {response.considered} grasps blocked):")
-    if response.error_code != response.NONE:
-        print(f"  none: {response.message}")
-        return
-    (best,) = _from_messages(response.grasps, target.object_id)
-    print(HEADER)
-    print(grasp_row(1, best.grasp))
-
-
-def _from_messages(messages: Iterable[object], object_id: str) -> tuple[StampedGrasp, ...]:
-    return tuple(from_grasp_quality_msg(message, expected_frame=object_id) for message in messages)
+def _print_best(client: ExplorationClient, title: str, occlusions: Sequence[Occlusion]) -> None:
+    answer = client.best_grasp(occlusions)
+    print(f"\nbest grasp {title} ({answer.occluded} of {answer.considered} grasps looked at are blocked):")
+    print(f"  none: {answer.message}" if answer.best is None else grasp_table([answer.best]))

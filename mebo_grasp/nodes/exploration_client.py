@@ -3,18 +3,63 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from mebo_grasp_interfaces.msg import ExplorationStatus
-from mebo_grasp_interfaces.msg import SolutionSet as SolutionSetMsg
+from mebo_grasp_interfaces.msg import ExplorationStatus, GraspQuality
 from mebo_grasp_interfaces.srv import GetBestGrasp, GetSolutionSet
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from mebo_grasp.errors import MeboGraspError
+from mebo_grasp.grasp import StampedGrasp
 from mebo_grasp.nodes import qos
+from mebo_grasp.solutions.occlusion import Occlusion
+from msg_adapters.grasp import from_grasp_quality_msg
+from msg_adapters.occlusion import to_occlusion_msg
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Where an exploration stands.
+
+    Args:
+        evaluations: trials told, failed ones included.
+        budget: trials in all.
+        best_quality: NaN before the first value.
+        seconds_per_trial: mean of late; 0 when unknown.
+        finished: whether the budget is spent.
+        note: what a person should know, empty for nothing.
+    """
+
+    evaluations: int
+    budget: int
+    best_quality: float
+    seconds_per_trial: float
+    finished: bool
+    note: str
+
+
+@dataclass(frozen=True)
+class KeptSet:
+    """The solution set as the node reports it; see ``mebo_grasp_interfaces/SolutionSet``."""
+
+    grasps: tuple[StampedGrasp, ...]
+    stored: int
+    mean_quality: float
+    mean_min_distance: float
+
+
+@dataclass(frozen=True)
+class BestAnswer:
+    """The best grasp now, or None with the reason; see ``mebo_grasp_interfaces/GetBestGrasp``."""
+
+    best: StampedGrasp | None
+    considered: int
+    occluded: int
+    message: str
 
 
 class ExplorationClient:
@@ -22,18 +67,20 @@ class ExplorationClient:
 
     Args:
         domain_id: DDS domain of the nodes.
+        object_id: name of the object, and of its frame.
 
     Use as a context manager; every wait has a time limit.
     """
 
-    def __init__(self, domain_id: int) -> None:
+    def __init__(self, domain_id: int, object_id: str) -> None:
+        self._object_id = object_id
         self._context = Context()
         self._context.init(domain_id=domain_id)
         self._node = Node("exploration_client", context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
-        self.status: ExplorationStatus | None = None
-        """The newest status; None before the first."""
+        self.standing: Standing | None = None
+        """Where the exploration stands by its newest status; None before the first."""
         self._node.create_subscription(ExplorationStatus, "exploration_status", self._on_status, qos.LATCHED)
         self._best = self._node.create_client(GetBestGrasp, "get_best_grasp")
         self._set = self._node.create_client(GetSolutionSet, "get_solution_set")
@@ -47,7 +94,14 @@ class ExplorationClient:
         self._context.try_shutdown()
 
     def _on_status(self, status: ExplorationStatus) -> None:
-        self.status = status
+        self.standing = Standing(
+            evaluations=status.evaluations,
+            budget=status.budget,
+            best_quality=status.best_quality,
+            seconds_per_trial=status.seconds_per_trial,
+            finished=status.state == ExplorationStatus.FINISHED,
+            note=status.message,
+        )
 
     def spin(self, seconds: float) -> None:
         """Take messages for some time."""
@@ -71,13 +125,33 @@ class ExplorationClient:
         """Whether both services can be called now."""
         return bool(self._best.service_is_ready() and self._set.service_is_ready())
 
-    def get_solution_set(self, timeout: float = 10.0) -> SolutionSetMsg:
-        """Ask for the set of diverse grasps."""
-        return self._call(self._set, GetSolutionSet.Request(), timeout).solution_set
+    def solution_set(self, timeout: float = 10.0) -> KeptSet:
+        """Ask for the set of diverse grasps.
 
-    def get_best_grasp(self, request: GetBestGrasp.Request, timeout: float = 10.0) -> GetBestGrasp.Response:
-        """Ask for the best grasps that are not occluded."""
-        return self._call(self._best, request, timeout)
+        Raises:
+            MeboGraspError: no answer came in time.
+        """
+        answer = self._call(self._set, GetSolutionSet.Request(), timeout).solution_set
+        return KeptSet(
+            grasps=self._grasps(answer.grasps),
+            stored=answer.stored,
+            mean_quality=answer.mean_quality,
+            mean_min_distance=answer.mean_min_distance,
+        )
+
+    def best_grasp(self, occlusions: Sequence[Occlusion], timeout: float = 10.0) -> BestAnswer:
+        """Ask for the best grasp that is not occluded.
+
+        Raises:
+            MeboGraspError: no answer came in time.
+        """
+        messages = [to_occlusion_msg(occlusion, self._object_id) for occlusion in occlusions]
+        response = self._call(self._best, GetBestGrasp.Request(occlusions=messages), timeout)
+        best = self._grasps(response.grasps)
+        return BestAnswer(best[0] if best else None, response.considered, response.occluded, response.message)
+
+    def _grasps(self, messages: Sequence[GraspQuality]) -> tuple[StampedGrasp, ...]:
+        return tuple(from_grasp_quality_msg(message, expected_frame=self._object_id) for message in messages)
 
     def _call(self, client: Any, request: Any, timeout: float) -> Any:
         future = client.call_async(request)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mebo_grasp.errors import InvalidPoseError, InvalidSettingsError, RunLogError
+from mebo_grasp.errors import InvalidSettingsError, RunLogError
 from mebo_grasp.grasp import FloatArray, Pose
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.pose_space import PoseSpace, pose_space_6d, position_space
@@ -17,6 +17,9 @@ from mebo_grasp.nodes.settings import OptimizerNodeSettings
 from mebo_grasp.optimization.optimizer import Optimizer, OptimizerSettings
 from mebo_grasp.optimization.run_log import LoggedOptimizer
 from mebo_grasp.optimization.search_space import SearchSpace
+
+SAME_POSE = 1e-6
+"""Largest difference, metres and radians, at which two poses are the same, seen through a message."""
 
 SPACES = {"position": position_space, "pose": pose_space_6d}
 
@@ -108,12 +111,16 @@ class ExplorationPlan:
         return path.rename(aside)
 
     def point_of(self, pose: Pose) -> FloatArray | None:
-        """Return the point of the search space that stands for a pose, shape (d,); None outside of it."""
-        try:
-            x = self.pose_space.from_pose(pose)
-        except InvalidPoseError:
+        """Return the point of the search space that stands for a pose, shape (d,).
+
+        None when the pose is not of this space: out of bounds, or other where the space is fixed.
+        """
+        x = self.pose_space.from_pose(pose)
+        if not self.search_space.contains(x):
             return None
-        return x if self.search_space.contains(x) else None
+        difference = self.pose_space.to_pose(x).inverse() @ pose
+        moved = max(np.linalg.norm(difference.position), difference.rotation.magnitude())
+        return x if moved < SAME_POSE else None
 
 
 def make_plan(settings: OptimizerNodeSettings) -> ExplorationPlan:
@@ -126,6 +133,7 @@ def make_plan(settings: OptimizerNodeSettings) -> ExplorationPlan:
     hand = HandModel.load(settings.hand)
     if settings.space not in SPACES:
         raise InvalidSettingsError(f"space is '{settings.space}', known are {', '.join(SPACES)}")
-    bounds = (settings.lower_bounds, settings.upper_bounds) if settings.lower_bounds else None
-    pose_space = SPACES[settings.space](target, hand, bounds=bounds)
+    pose_space = SPACES[settings.space](
+        target, hand, lower=settings.lower_bounds or None, upper=settings.upper_bounds or None
+    )
     return ExplorationPlan(target.object_id, pose_space, settings)

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 
@@ -16,7 +17,7 @@ from mebo_grasp.errors import MeboGraspError
 STOP_TIMEOUT = 10.0
 """Seconds that a node has to end after SIGINT before it is killed."""
 
-Parameters = dict[str, str | int | float | bool | list[float] | list[str]]
+Parameters = Mapping[str, object]
 
 
 class NodeProcess:
@@ -33,7 +34,9 @@ class NodeProcess:
         self.name = name
         self.log_path = directory / f"{name}.log"
         parameter_file = directory / f"{name}.yaml"
-        parameter_file.write_text(yaml.safe_dump({name: {"ros__parameters": parameters}}), encoding="utf-8")
+        parameter_file.write_text(
+            yaml.safe_dump({name: {"ros__parameters": dict(parameters)}}), encoding="utf-8"
+        )
         command = [sys.executable, "-m", f"mebo_grasp.nodes.{name}"]
         command += ["--ros-args", "--params-file", str(parameter_file)]
         environment = os.environ | {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -87,8 +88,8 @@ class PlayedHand:
 def answer(candidate: PoseStamped, quality: float | None = None) -> GraspQuality:
     """Return an answer to a candidate; its quality is highest where x is 0."""
     message = GraspQuality()
-    message.header = candidate.header
-    message.tcp_pose = candidate.pose
+    message.header = deepcopy(candidate.header)
+    message.tcp_pose = deepcopy(candidate.pose)
     message.outcome = GraspQuality.GRASPED
     message.quality = 1.0 - abs(candidate.pose.position.x) if quality is None else quality
     message.epsilon = message.quality
