@@ -22,7 +22,7 @@ _LN2_LOW = 1.9082149292705877e-10
 _ROUNDER = 6755399441055744.0  # 1.5 * 2^52: adding it leaves the nearest integer in the low bits
 
 
-@njit(cache=True, fastmath=_FLAGS)
+@njit(cache=True, nogil=True, fastmath=_FLAGS)
 def exp_in_place(x: FloatArray, power: FloatArray) -> None:
     """Replace ``x``, shape (n,), all <= 0, by its exponential; ``power``, shape (n,), is scratch."""
     bits = power.view(np.int64)
@@ -53,7 +53,7 @@ def exp_in_place(x: FloatArray, power: FloatArray) -> None:
         x[j] *= power[j]
 
 
-@njit(cache=True, fastmath=_FLAGS)
+@njit(cache=True, nogil=True, fastmath=_FLAGS)
 def squared_distances(point: FloatArray, B_T: FloatArray, out: FloatArray) -> None:
     """Write the squared distances of ``point``, shape (d,), to the columns of ``B_T``, shape (d, n)."""
     for j in range(out.shape[0]):
@@ -65,7 +65,7 @@ def squared_distances(point: FloatArray, B_T: FloatArray, out: FloatArray) -> No
             out[j] += delta * delta
 
 
-@njit(cache=True, fastmath=_FLAGS)
+@njit(cache=True, nogil=True, fastmath=_FLAGS)
 def matern52(A: FloatArray, B_T: FloatArray, variance: float) -> FloatArray:
     """Matérn 5/2 covariances, shape (m, n), of ``A`` (m, d) and the columns of ``B_T`` (d, n)."""
     m, n = A.shape[0], B_T.shape[1]
@@ -84,7 +84,7 @@ def matern52(A: FloatArray, B_T: FloatArray, variance: float) -> FloatArray:
     return K
 
 
-@njit(cache=True, fastmath=_FLAGS)
+@njit(cache=True, nogil=True, fastmath=_FLAGS)
 def matern52_slope(A: FloatArray, B_T: FloatArray, variance: float) -> FloatArray:
     """Return S, shape (m, n), with dk(a, b)/da_q = -S (a_q - b_q) and dk/dlog l_q = S (a_q - b_q)^2."""
     m, n = A.shape[0], B_T.shape[1]
@@ -103,7 +103,7 @@ def matern52_slope(A: FloatArray, B_T: FloatArray, variance: float) -> FloatArra
     return S
 
 
-@njit(cache=True, fastmath=_FLAGS)
+@njit(cache=True, nogil=True, fastmath=_FLAGS)
 def squared_exponential(A: FloatArray, B_T: FloatArray, variance: float) -> FloatArray:
     """Squared-exponential covariances, shape (m, n); it is its own slope (see ``matern52_slope``)."""
     m, n = A.shape[0], B_T.shape[1]
@@ -120,7 +120,7 @@ def squared_exponential(A: FloatArray, B_T: FloatArray, variance: float) -> Floa
     return K
 
 
-@njit(cache=True, fastmath=_FLAGS)
+@njit(cache=True, nogil=True, fastmath=_FLAGS)
 def _matern52_parts(row: FloatArray, values: FloatArray, power: FloatArray, variance: float) -> None:
     """Turn squared distances ``row``, shape (n,), into slopes in place; write covariances to ``values``."""
     for j in range(row.shape[0]):
@@ -135,7 +135,7 @@ def _matern52_parts(row: FloatArray, values: FloatArray, power: FloatArray, vari
         row[j] *= variance * (5.0 / 3.0) * (1.0 - exponents[j])
 
 
-@njit(cache=True, fastmath=_FLAGS)
+@njit(cache=True, nogil=True, fastmath=_FLAGS)
 def _squared_exponential_parts(
     row: FloatArray, values: FloatArray, power: FloatArray, variance: float
 ) -> None:
@@ -148,7 +148,7 @@ def _squared_exponential_parts(
         values[j] = row[j]
 
 
-@njit(cache=True, fastmath=_SUMS)
+@njit(cache=True, nogil=True, fastmath=_SUMS)
 def _add_weighted_sums(
     point: FloatArray,
     B_T: FloatArray,
@@ -172,7 +172,7 @@ def _add_weighted_sums(
         total[q] += partial
 
 
-@njit(cache=True, fastmath=_FLAGS)
+@njit(cache=True, nogil=True, fastmath=_FLAGS)
 def matern52_gradient_sums(B_T: FloatArray, W: FloatArray, variance: float) -> FloatArray:
     """Return sum_ij W_ij dk_ij/dtheta, shape (d + 1,), for a symmetric W; only its upper triangle is read.
 
@@ -197,7 +197,7 @@ def matern52_gradient_sums(B_T: FloatArray, W: FloatArray, variance: float) -> F
     return total
 
 
-@njit(cache=True, fastmath=_FLAGS)
+@njit(cache=True, nogil=True, fastmath=_FLAGS)
 def squared_exponential_gradient_sums(B_T: FloatArray, W: FloatArray, variance: float) -> FloatArray:
     """Like ``matern52_gradient_sums`` for the squared exponential."""
     dim, n = B_T.shape
@@ -216,7 +216,7 @@ def squared_exponential_gradient_sums(B_T: FloatArray, W: FloatArray, variance: 
     return total
 
 
-@njit(cache=True, fastmath=_FLAGS)
+@njit(cache=True, nogil=True, fastmath=_FLAGS)
 def evidence_weights(inverse: FloatArray, weights: FloatArray) -> None:
     """Replace the upper triangle of K⁻¹, shape (n, n), by that of weights weightsᵀ - K⁻¹."""
     for i in range(inverse.shape[0]):
@@ -224,7 +224,7 @@ def evidence_weights(inverse: FloatArray, weights: FloatArray) -> None:
             inverse[i, j] = weights[i] * weights[j] - inverse[i, j]
 
 
-@njit(cache=True, fastmath=_SUMS)
+@njit(cache=True, nogil=True, fastmath=_SUMS)
 def weighted_differences(A: FloatArray, B_T: FloatArray, W: FloatArray, S: FloatArray) -> FloatArray:
     """Return sum_j W_ij S_ij (a_iq - b_jq), shape (m, d)."""
     total = np.empty(A.shape)
