@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Protocol
 
 import numpy as np
@@ -11,17 +12,36 @@ from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
 
 
 class Acquisition(Protocol):
-    """A worth that depends on a point only through the posterior's mean and standard deviation there."""
+    """A worth of points, given where they are and the posterior there."""
 
     @property
     def name(self) -> str:
         """Name for logs and reports."""
 
+    def value_at(self, A: FloatArray, mean: FloatArray, sd: FloatArray) -> FloatArray:
+        """Worth, shape (m,), of points A, shape (m, d), with posterior ``mean`` and ``sd``, shape (m,)."""
+
+
+class MomentAcquisition(ABC):
+    """A worth that depends on a point only through the posterior's mean and standard deviation there."""
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """Name for logs and reports."""
+
+    @abstractmethod
     def value(self, mean: FloatArray, sd: FloatArray) -> FloatArray:
         """Worth, shape (m,), of points with posterior ``mean`` and ``sd``, each shape (m,), units of y."""
 
+    @abstractmethod
     def partials(self, mean: FloatArray, sd: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Derivatives of the worth by mean and by sd, each shape (m,)."""
+
+    def value_at(self, A: FloatArray, mean: FloatArray, sd: FloatArray) -> FloatArray:
+        """Worth, shape (m,); where the points are does not matter."""
+        del A
+        return self.value(mean, sd)
 
 
 class PointFunction(Protocol):
@@ -37,7 +57,7 @@ class PointFunction(Protocol):
 class OnPosterior:
     """An acquisition function of points: ``acquisition`` evaluated on ``posterior``."""
 
-    def __init__(self, acquisition: Acquisition, posterior: GaussianProcess) -> None:
+    def __init__(self, acquisition: MomentAcquisition, posterior: GaussianProcess) -> None:
         self._acquisition = acquisition
         self._posterior = posterior
 

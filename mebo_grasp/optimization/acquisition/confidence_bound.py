@@ -8,10 +8,11 @@ import numpy as np
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import FloatArray
+from mebo_grasp.optimization.acquisition.base import MomentAcquisition
 
 
 @dataclass(frozen=True)
-class UpperConfidenceBound:
+class UpperConfidenceBound(MomentAcquisition):
     """UCB: mean + beta sd.
 
     Args:

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import erfcx, log_ndtr, ndtr
 
 from mebo_grasp.grasp import FloatArray
+from mebo_grasp.optimization.acquisition.base import MomentAcquisition
 
 _LOG_ROOT_2PI = 0.5 * np.log(2.0 * np.pi)
 
@@ -39,7 +40,7 @@ def log_normalized_improvement(t: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class ExpectedImprovement:
+class ExpectedImprovement(MomentAcquisition):
     """EI over ``incumbent``: (mean - y*) Phi(t) + sd phi(t) with t = (mean - y*) / sd.
 
     Args:
@@ -66,7 +67,7 @@ class ExpectedImprovement:
 
 
 @dataclass(frozen=True)
-class LogExpectedImprovement:
+class LogExpectedImprovement(MomentAcquisition):
     """log EI over ``incumbent``; same maximizer as EI, but with a slope where EI underflows.
 
     Args:
@@ -92,7 +93,7 @@ class LogExpectedImprovement:
 
 
 @dataclass(frozen=True)
-class ProbabilityOfImprovement:
+class ProbabilityOfImprovement(MomentAcquisition):
     """PI over ``incumbent``: Phi((mean - y*) / sd).
 
     Args:
@@ -119,7 +120,7 @@ class ProbabilityOfImprovement:
 
 
 @dataclass(frozen=True)
-class LogProbabilityOfImprovement:
+class LogProbabilityOfImprovement(MomentAcquisition):
     """log PI over ``incumbent``; same maximizer as PI, but with a slope where PI underflows.
 
     Args:

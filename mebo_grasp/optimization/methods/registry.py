@@ -6,6 +6,8 @@ from collections.abc import Callable
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.optimization.methods.base import Method, MethodSettings
+from mebo_grasp.optimization.methods.cl_mebo import ClMebo
+from mebo_grasp.optimization.methods.e_mebo import EMebo
 from mebo_grasp.optimization.methods.mebo import Mebo
 from mebo_grasp.optimization.methods.random_search import RandomSearch
 from mebo_grasp.optimization.methods.sobol_search import SobolSearch
@@ -13,6 +15,8 @@ from mebo_grasp.optimization.search_space import SearchSpace
 
 _METHODS: dict[str, Callable[[SearchSpace, MethodSettings], Method]] = {
     Mebo.name: Mebo,
+    EMebo.name: EMebo,
+    ClMebo.name: ClMebo,
     RandomSearch.name: RandomSearch,
     SobolSearch.name: SobolSearch,
 }

@@ -141,7 +141,12 @@ def metropolis_hastings(
 class _Slots:
     """Densities of several acquisitions on one posterior: rows i·chains … belong to acquisition i."""
 
-    def __init__(self, posterior: GaussianProcess, acquisitions: Sequence[Acquisition], chains: int) -> None:
+    def __init__(
+        self,
+        posterior: GaussianProcess,
+        acquisitions: Sequence[Acquisition],
+        chains: int,
+    ) -> None:
         self.posterior = posterior
         self.acquisitions = acquisitions
         self.chains = chains
@@ -152,7 +157,7 @@ class _Slots:
         log_density = np.empty(len(points))
         for i, (acquisition, target) in enumerate(zip(self.acquisitions, self.targets, strict=True)):
             rows = slice(i * self.chains, (i + 1) * self.chains)
-            log_density[rows] = target(acquisition.value(mean[rows], sd[rows]))
+            log_density[rows] = target(acquisition.value_at(points[rows], mean[rows], sd[rows]))
         return log_density
 
 
@@ -191,7 +196,7 @@ def draw(
     mean, sd = posterior.predict(net)
     starts = np.empty((len(acquisitions), chains, dim))
     for i, acquisition in enumerate(acquisitions):
-        values = acquisition.value(mean, sd)
+        values = acquisition.value_at(net, mean, sd)
         target = LogTarget(values, settings)
         slots.targets.append(target)
         starts[i] = net[_resample(target(values), chains, rng)]
