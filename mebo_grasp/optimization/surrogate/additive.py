@@ -44,7 +44,8 @@ class AdditiveKernel:
         """Covariances k(a_i, u_j), shape (m, n)."""
         inverse, variances = self._split(theta)
         columns = np.ascontiguousarray((U * inverse).T)
-        return additive_pairs.additive_values(A * inverse, columns, variances, self.smooth)
+        K: FloatArray = additive_pairs.additive_values(A * inverse, columns, variances, self.smooth)
+        return K
 
     def diagonal(self, A: FloatArray, theta: FloatArray) -> FloatArray:
         """Variances, shape (m,)."""
@@ -54,7 +55,8 @@ class AdditiveKernel:
         """Return sum_ij W_ij dk(u_i, u_j)/dtheta, shape (2 d,)."""
         inverse, variances = self._split(theta)
         columns = np.ascontiguousarray((U * inverse).T)
-        return additive_pairs.additive_gradient_sums(columns, W, variances, self.smooth)
+        sums: FloatArray = additive_pairs.additive_gradient_sums(columns, W, variances, self.smooth)
+        return sums
 
     def input_gradient(self, A: FloatArray, U: FloatArray, theta: FloatArray, W: FloatArray) -> FloatArray:
         """Return sum_j W_ij dk(a_i, u_j)/da_i, shape (m, d)."""
@@ -69,7 +71,7 @@ class AdditiveKernel:
     def sample_features(
         self, dim: int, theta: FloatArray, count: int, rng: np.random.Generator
     ) -> Callable[[FloatArray], FloatArray]:
-        """Draw random Fourier features; each belongs to one dimension, drawn in proportion to its variance."""
+        """Draw random Fourier features, each of one dimension that is drawn in proportion to its variance."""
         inverse, variances = self._split(theta)
         owner = rng.choice(dim, count, p=variances / np.sum(variances))
         frequencies = rng.standard_normal(count) * inverse[owner]

@@ -35,10 +35,10 @@ class InputMap(Protocol):
         """Map points, shape (m, d)."""
 
     def pull_back(self, U: FloatArray, phi: FloatArray, G: FloatArray) -> FloatArray:
-        """Gradient by U, shape (m, d), of a function whose gradient by the mapped points is G, shape (m, d)."""
+        """Gradient by U, shape (m, d), of a function whose gradient by mapped points is G, shape (m, d)."""
 
     def parameter_gradient(self, U: FloatArray, phi: FloatArray, G: FloatArray) -> FloatArray:
-        """Gradient by phi, shape (k,), of a function whose gradient by the mapped points is G, shape (m, d)."""
+        """Gradient by phi, shape (k,), of a function whose gradient by mapped points is G, shape (m, d)."""
 
     def inverse(self, V: FloatArray, phi: FloatArray) -> FloatArray:
         """Points, shape (m, d), that are mapped to V; they may lie outside the cube."""
@@ -110,12 +110,15 @@ class Turn:
     name: str = "turned"
 
     def prior(self, dim: int) -> LogNormalPrior:
-        """A wide prior around an eighth of a turn; angles a quarter turn apart mean the same axes."""
+        """As dense as a uniform one on a quarter turn: angles that far apart mean the same axes."""
         if dim != 2:
             raise ValueError(f"a turn needs 2 dimensions, got {dim}")
         quarter = np.pi / 2.0
         return LogNormalPrior(
-            np.array([quarter / 2.0]), np.array([10.0]), np.array([-quarter]), np.array([2.0 * quarter])
+            np.array([quarter / 2.0]),
+            np.array([quarter / np.sqrt(2.0 * np.pi)]),
+            np.array([-quarter]),
+            np.array([2.0 * quarter]),
         )
 
     @staticmethod

@@ -1,0 +1,220 @@
+"""Basin search, the default method: one trial confirms a basin, the next goes elsewhere.
+
+The surrogate's structure is chosen by evidence. Candidates are the local maxima of the optimistic posterior
+(mean plus standard deviation) and of the mean. Each has a local incumbent, the best observation in the same
+basin. A candidate's score is the expected improvement on its own incumbent times the probability that it
+reaches the level of the best. A basin that has been confirmed has little left to improve, so the search
+turns to the others by itself, and when all are confirmed it refines them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.special import log_ndtr
+
+from mebo_grasp.errors import RunLogError
+from mebo_grasp.grasp import FloatArray
+from mebo_grasp.optimization.acquisition.improvement import LogExpectedImprovement
+from mebo_grasp.optimization.initial_design import sobol
+from mebo_grasp.optimization.methods.base import IndexArray, MethodSettings
+from mebo_grasp.optimization.methods.common import MethodBase, check_count, without_repeats
+from mebo_grasp.optimization.observations import Observations
+from mebo_grasp.optimization.search_space import SearchSpace
+from mebo_grasp.optimization.selection import basins
+from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
+from mebo_grasp.optimization.surrogate.structure import StructuredSurrogate
+
+NET_SIZE = 2048
+LEVEL_NET_SIZE = 512
+MAX_CANDIDATES = 128
+TOP_SHARE = 0.05
+"""A basin reaches the top if it comes within this share of the spread (best minus median) of the best."""
+NEIGHBOURS = 10
+SLACK_SHARE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """What counts as good, units of y.
+
+    Args:
+        best: highest value.
+        spread: best minus the median over the search space.
+    """
+
+    best: float
+    spread: float
+
+    @property
+    def top(self) -> float:
+        """The level that a basin should reach."""
+        return self.best - TOP_SHARE * self.spread
+
+    @property
+    def slack(self) -> float:
+        """Dip that is forgiven within a basin."""
+        return SLACK_SHARE * self.spread
+
+
+def level_of(posterior: GaussianProcess) -> Level:
+    """The level of a posterior.
+
+    The median is that of the mean over an even net, not of the observations: those gather at the top.
+    """
+    net = sobol(LEVEL_NET_SIZE, posterior.dim, np.random.default_rng(0))
+    best = float(np.max(posterior.y))
+    spread = best - float(np.median(posterior.predict_mean(net)))
+    return Level(best, spread if spread > 0.0 else 1.0)
+
+
+def scores(mean: FloatArray, sd: FloatArray, incumbents: FloatArray, level: Level) -> FloatArray:
+    """Log of (expected improvement on the own incumbent × probability to reach the top), shape (m,)."""
+    improvement = np.array(
+        [
+            LogExpectedImprovement(float(own)).value(mean[i : i + 1], sd[i : i + 1])[0]
+            for i, own in enumerate(incumbents)
+        ]
+    )
+    return improvement + log_ndtr((mean - level.top) / sd)
+
+
+class BasinSearch(MethodBase):
+    """Multisolution search by basins with local incumbents.
+
+    Args:
+        space: the search space.
+        settings: settings of the run.
+    """
+
+    name = "basin_search"
+
+    def __init__(self, space: SearchSpace, settings: MethodSettings) -> None:
+        super().__init__(space, settings)
+        self.surrogate = StructuredSurrogate(space.dim, settings.relearn_period)
+
+    def propose(self, observations: Observations, count: int, rng: np.random.Generator) -> FloatArray:
+        """Return the next points, shape (count, d)."""
+        check_count(count)
+        if observations.n == 0:
+            self._phase = "no data"
+            return rng.random((count, observations.dim))
+        posterior = self.surrogate.update(observations.U, observations.y, rng)
+        assumed = np.concatenate([observations.failed, observations.pending])
+        if len(assumed):
+            posterior = posterior.condition_on(assumed, posterior.predict_mean(assumed))
+        points = self._select(posterior, count, rng)
+        return without_repeats(points, observations, rng)
+
+    def _select(self, posterior: GaussianProcess, count: int, rng: np.random.Generator) -> FloatArray:
+        level = level_of(posterior)
+        candidates = self._candidates(posterior, rng)
+        picks: list[FloatArray] = []
+        for _ in range(count):
+            pick = self._pick(posterior, candidates, level)
+            picks.append(pick)
+            posterior = posterior.condition_on(pick[None], posterior.predict_mean(pick[None]))
+        self._phase = "basins"
+        return np.stack(picks)
+
+    def _candidates(self, posterior: GaussianProcess, rng: np.random.Generator) -> FloatArray:
+        net = basins.search_net(posterior, NET_SIZE, rng)
+        coordinates = basins.Coordinates(posterior)
+        net = np.concatenate([net, posterior.U])
+        where = coordinates(net)
+        mean, sd = posterior.predict(net)
+        neighbours = 2 * posterior.dim + 2
+        scales = np.minimum(np.ptp(net, axis=0) / np.maximum(np.ptp(where, axis=0), 1e-9), 1.0)
+        hopeful = basins.neighbourhood_maxima(mean + sd, where, neighbours)[:MAX_CANDIDATES]
+        peaks = basins.neighbourhood_maxima(mean, where, neighbours)[:MAX_CANDIDATES]
+        ends = [
+            basins.ascend(optimistic(posterior), net[hopeful], scales, 10),
+            basins.ascend(expected(posterior), net[peaks], scales, 16),
+        ]
+        points = np.concatenate(ends)
+        top_mean, top_sd = posterior.predict(points)
+        kept = basins.distinct(points, top_mean + top_sd, coordinates(points), basins.SAME_MAXIMUM)
+        return points[kept]
+
+    def _pick(self, posterior: GaussianProcess, candidates: FloatArray, level: Level) -> FloatArray:
+        y = posterior.y
+        mean, sd = posterior.predict(candidates)
+        near = basins.basin_neighbours(posterior, candidates, posterior.U, NEIGHBOURS, level.slack)
+        own = np.max(np.where(near.shared, y[near.index], -np.inf), axis=1)
+        own = np.where(np.isfinite(own), own, np.min(y))
+        value = scores(mean, sd, own, level)
+        best = int(np.argmax(value))
+        return refine(posterior, candidates[best], float(own[best]), level)
+
+    def solution_set(
+        self, observations: Observations, size: int | None = None, min_distance: float | None = None
+    ) -> IndexArray:
+        """Best observation of each basin, best first; at ``min_distance`` from each other if given."""
+        size = size if size is not None else self.settings.num_solutions
+        distance = min_distance if min_distance is not None else self.settings.min_distance
+        if observations.n == 0:
+            return np.empty(0, dtype=np.int64)
+        if distance is not None:
+            return super().solution_set(observations, size, distance)
+        posterior = self.surrogate.posterior(observations.U, observations.y)
+        level = level_of(posterior)
+        floor = level.best - 0.5 * level.spread
+        return basins.representatives(
+            posterior, observations.U, observations.y, 10 * level.slack, size, floor
+        )
+
+    def state(self) -> dict[str, Any]:
+        """Phase and the surrogate's state."""
+        return {**super().state(), "surrogate": self.surrogate.state()}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue from ``state``."""
+        super().restore(state)
+        surrogate = state.get("surrogate")
+        if not isinstance(surrogate, dict):
+            raise RunLogError(f"the method's state needs the surrogate's, got {surrogate!r}")
+        self.surrogate.restore(surrogate)
+
+
+def optimistic(posterior: GaussianProcess) -> basins.ValueAndGradient:
+    """Mean plus standard deviation, with its gradient."""
+
+    def function(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        mean, sd, d_mean, d_sd = posterior.predict_with_gradients(points)
+        return mean + sd, d_mean + d_sd
+
+    return function
+
+
+def expected(posterior: GaussianProcess) -> basins.ValueAndGradient:
+    """Mean, with its gradient."""
+
+    def function(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return posterior.predict_mean(points), posterior.mean_gradient(points)
+
+    return function
+
+
+def refine(posterior: GaussianProcess, start: FloatArray, own: float, level: Level) -> FloatArray:
+    """Climb the score from ``start``, shape (d,), with its incumbent kept; return where it ends, shape (d,)."""
+    improvement = LogExpectedImprovement(own)
+
+    def objective(u: FloatArray) -> tuple[float, FloatArray]:
+        mean, sd, d_mean, d_sd = posterior.predict_with_gradients(u[None])
+        by_mean, by_sd = improvement.partials(mean, sd)
+        t = (mean - level.top) / sd
+        value = improvement.value(mean, sd) + log_ndtr(t)
+        mills = np.exp(-0.5 * t * t - 0.5 * np.log(2.0 * np.pi) - log_ndtr(t)) / sd
+        gradient = (by_mean + mills)[:, None] * d_mean + (by_sd - t * mills)[:, None] * d_sd
+        return -float(value[0]), -gradient[0]
+
+    result = minimize(
+        objective, start, jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(start),
+        options={"maxiter": 30},
+    )
+    before = objective(start)[0]
+    point: FloatArray = np.clip(result.x, 0.0, 1.0) if result.fun < before else start
+    return point

@@ -1,0 +1,288 @@
+"""A surrogate whose structure is chosen by evidence: which kernel, with which map of the inputs.
+
+The family is {Matérn 5/2, squared exponential} × {coupled ARD, additive} × {no warp, Kumaraswamy warp}, in
+two dimensions the additive ones also along turned axes. A member's worth is the Laplace approximation of
+its log evidence: the posterior density at its best hyperparameters, less half a nat for each e-fold by
+which the data narrow a parameter's variance. All members are learned when the number of values has grown
+by a fixed factor, so that over a run this costs in proportion to the number of values; in between only the
+chosen one and the runner-up are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from mebo_grasp.errors import InvalidSettingsError, RunLogError
+from mebo_grasp.grasp import FloatArray
+from mebo_grasp.optimization.observations import Observations
+from mebo_grasp.optimization.surrogate.additive import ADDITIVE_MATERN52, ADDITIVE_SQUARED_EXPONENTIAL
+from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess, Hyperparameters, standardize
+from mebo_grasp.optimization.surrogate.hyperparameters import log_posterior_and_gradient, subset
+from mebo_grasp.optimization.surrogate.kernels import MATERN52, SQUARED_EXPONENTIAL, Kernel, LogNormalPrior
+from mebo_grasp.optimization.surrogate.warping import KumaraswamyWarp, MappedKernel, Turn
+
+START_LENGTHSCALES = (0.08, 0.25, 0.8)
+"""Where the searches start: a lengthscale of 0.08 follows a function with about six periods a side."""
+START_ANGLES = tuple(np.linspace(0.0, np.pi / 2.0, 8, endpoint=False))
+_HESSIAN_STEP = 1e-3
+
+
+@dataclass(frozen=True)
+class StructureSettings:
+    """How the structure is learned.
+
+    Args:
+        growth: all members are learned anew when the number of values has grown by this factor.
+        max_points_family: values used to compare the members.
+        max_points: values used to learn the chosen member.
+        scout_iterations: of L-BFGS-B from every start.
+        climb_iterations: of L-BFGS-B from the best starts.
+        refresh_iterations: of L-BFGS-B when a member is learned again from where it was.
+
+    Raises:
+        InvalidSettingsError: growth is not above 1 or another number below 1.
+    """
+
+    growth: float = 1.25
+    max_points_family: int = 200
+    max_points: int = 500
+    scout_iterations: int = 6
+    climb_iterations: int = 60
+    refresh_iterations: int = 25
+
+    def __post_init__(self) -> None:
+        others = (self.max_points_family, self.max_points, self.scout_iterations, self.climb_iterations)
+        if not self.growth > 1.0 or min(*others, self.refresh_iterations) < 1:
+            raise InvalidSettingsError(f"need growth above 1 and all other numbers at least 1, got {self}")
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """A member of the family as learned last.
+
+    Args:
+        kernel: covariance function with its map.
+        vector: hyperparameters (theta, log noise), shape (p + 1,).
+        evidence: Laplace approximation of the log evidence; -inf if never learned.
+    """
+
+    kernel: Kernel
+    vector: FloatArray
+    evidence: float
+
+
+def family(dim: int) -> tuple[Kernel, ...]:
+    """The kernels that are compared in ``dim`` dimensions, the plain ones first."""
+    bases: list[Kernel] = [MATERN52, SQUARED_EXPONENTIAL]
+    additive: list[Kernel] = [ADDITIVE_MATERN52, ADDITIVE_SQUARED_EXPONENTIAL] if dim > 1 else []
+    warp = KumaraswamyWarp()
+    members = bases + additive + [MappedKernel(kernel, warp) for kernel in bases + additive]
+    if dim == 2:
+        turned = additive + [MappedKernel(kernel, warp) for kernel in additive]
+        members += [MappedKernel(kernel, Turn()) for kernel in turned]
+    return tuple(members)
+
+
+def prior_of(kernel: Kernel, dim: int) -> LogNormalPrior:
+    """Prior of (theta, log noise): trials are near deterministic, but noise up to the signal's size may be learned."""
+    return kernel.prior(dim) + LogNormalPrior.repeated(1, 1e-6, 2.0, 1e-9, 1.0)
+
+
+def starts(kernel: Kernel, dim: int) -> list[FloatArray]:
+    """Starting points of a search without knowledge, each shape (p + 1,)."""
+    prior = prior_of(kernel, dim)
+    root = 1.0 if "additive" in kernel.name else np.sqrt(dim)
+    turned = isinstance(kernel, MappedKernel) and isinstance(kernel.map, Turn)
+    points = []
+    for lengthscale in START_LENGTHSCALES:
+        for angle in START_ANGLES if turned else (None,):
+            point = prior.mean.copy()
+            point[:dim] = np.log(lengthscale * root)
+            if angle is not None:
+                point[-2] = angle
+            points.append(point)
+    return points
+
+
+def climb(
+    kernel: Kernel, U: FloatArray, z: FloatArray, start: FloatArray, iterations: int
+) -> tuple[FloatArray, float]:
+    """Climb the log posterior density from ``start``; return where it ends and its value there."""
+    prior = prior_of(kernel, U.shape[1])
+
+    def objective(vector: FloatArray) -> tuple[float, FloatArray]:
+        try:
+            value, gradient = log_posterior_and_gradient(vector, U, z, kernel, prior)
+        except InvalidSettingsError:
+            # Where the covariance is numerically singular the line search shall back off.
+            return 1e25, np.zeros_like(vector)
+        return -value, -gradient
+
+    result = minimize(
+        objective, np.clip(start, prior.lower, prior.upper), jac=True, method="L-BFGS-B",
+        bounds=list(zip(prior.lower, prior.upper, strict=True)),
+        options={"maxiter": iterations, "ftol": 1e-6, "gtol": 1e-3},
+    )
+    return np.asarray(result.x, dtype=np.float64), -float(result.fun)
+
+
+def laplace_evidence(kernel: Kernel, U: FloatArray, z: FloatArray, vector: FloatArray, value: float) -> float:
+    """Log evidence by Laplace's approximation around ``vector``, up to a constant common to all kernels.
+
+    With the parameters in units of their prior's standard deviation the normalized prior density is
+    exp(-t²/2) / sqrt(2 pi) each, so the evidence is the posterior density's height times the root of the
+    inverse curvature. Curvatures below 1 are those of the prior itself.
+    """
+    prior = prior_of(kernel, U.shape[1])
+    size = len(vector)
+    curvature = np.empty((size, size))
+    try:
+        for i in range(size):
+            step = np.zeros(size)
+            step[i] = _HESSIAN_STEP
+            ahead = log_posterior_and_gradient(vector + step, U, z, kernel, prior)[1]
+            behind = log_posterior_and_gradient(vector - step, U, z, kernel, prior)[1]
+            curvature[i] = (behind - ahead) / (2.0 * _HESSIAN_STEP)
+    except InvalidSettingsError:
+        return -np.inf
+    scaled = 0.5 * (curvature + curvature.T) * prior.sd[:, None] * prior.sd
+    eigenvalues = np.linalg.eigvalsh(scaled)
+    return value - 0.5 * float(np.sum(np.log(np.maximum(eigenvalues, 1.0))))
+
+
+class StructuredSurrogate:
+    """Keeps every member of the family and which of them is believed.
+
+    Args:
+        dim: number of dimensions.
+        relearn_period: iterations from one learning of the hyperparameters to the next.
+        settings: how the structure is learned.
+
+    Raises:
+        InvalidSettingsError: the period is below 1.
+    """
+
+    def __init__(
+        self, dim: int, relearn_period: int = 5, settings: StructureSettings | None = None
+    ) -> None:
+        if relearn_period < 1:
+            raise InvalidSettingsError(f"relearn_period must be at least 1 iteration, got {relearn_period}")
+        self._dim = dim
+        self._period = relearn_period
+        self._settings = settings or StructureSettings()
+        self._members = [Member(kernel, prior_of(kernel, dim).mean, -np.inf) for kernel in family(dim)]
+        self._chosen = 0
+        self._compared_at = 0
+        self._since_learning: int | None = None
+
+    @property
+    def chosen(self) -> Member:
+        """The member that is believed."""
+        return self._members[self._chosen]
+
+    @property
+    def members(self) -> tuple[Member, ...]:
+        """All members, in the order of ``family``."""
+        return tuple(self._members)
+
+    def posterior(self, U: FloatArray, y: FloatArray) -> GaussianProcess:
+        """Fit the chosen member to data without learning anything."""
+        member = self.chosen
+        return GaussianProcess.fit(U, y, Hyperparameters.from_vector(member.vector), member.kernel)
+
+    def update(self, U: FloatArray, y: FloatArray, rng: np.random.Generator) -> GaussianProcess:
+        """Return the posterior given all values; relearns when due. To be called once an iteration."""
+        # Nothing can be learned from fewer than three values or from equal ones: the prior stays.
+        if len(y) >= 3 and np.ptp(y) > 0.0:
+            due = self._since_learning is None or self._since_learning >= self._period
+            if len(y) >= self._settings.growth * max(self._compared_at, 2):
+                self._compare(U, y, rng)
+            elif due:
+                self._refresh(U, y, rng)
+        if self._since_learning is not None:
+            self._since_learning += 1
+        return self.posterior(U, y)
+
+    def _data(
+        self, U: FloatArray, y: FloatArray, limit: int, rng: np.random.Generator
+    ) -> tuple[FloatArray, FloatArray]:
+        z = standardize(y)[0]
+        mask = subset(z, limit, rng)
+        return np.ascontiguousarray(U[mask]), z[mask]
+
+    def _compare(self, U: FloatArray, y: FloatArray, rng: np.random.Generator) -> None:
+        data = self._data(U, y, self._settings.max_points_family, rng)
+        self._members = [self._learned(member, *data) for member in self._members]
+        self._choose()
+        self._compared_at = len(y)
+        if len(y) > self._settings.max_points_family:
+            self._refresh(U, y, rng)
+        self._since_learning = 0
+
+    def _choose(self) -> None:
+        self._chosen = int(np.argmax([member.evidence for member in self._members]))
+
+    def _learned(self, member: Member, U: FloatArray, z: FloatArray) -> Member:
+        kernel, settings = member.kernel, self._settings
+        scouts = [climb(kernel, U, z, start, settings.scout_iterations) for start in starts(kernel, self._dim)]
+        if np.isfinite(member.evidence):
+            scouts.append(climb(kernel, U, z, member.vector, settings.scout_iterations))
+        scouts.sort(key=lambda scout: -scout[1])
+        ends = [climb(kernel, U, z, scout[0], settings.climb_iterations) for scout in scouts[:2]]
+        vector, value = max(ends, key=lambda end: end[1])
+        return Member(kernel, vector, laplace_evidence(kernel, U, z, vector, value))
+
+    def _refresh(self, U: FloatArray, y: FloatArray, rng: np.random.Generator) -> None:
+        U, z = self._data(U, y, self._settings.max_points, rng)
+        member = self.chosen
+        vector, _ = climb(member.kernel, U, z, member.vector, self._settings.refresh_iterations)
+        self._members[self._chosen] = Member(member.kernel, vector, member.evidence)
+        self._since_learning = 0
+
+    def state(self) -> dict[str, Any]:
+        """What ``restore`` needs, as JSON values."""
+        return {
+            "members": [
+                {
+                    "kernel": member.kernel.name,
+                    "vector": member.vector.tolist(),
+                    "evidence": member.evidence if np.isfinite(member.evidence) else None,
+                }
+                for member in self._members
+            ],
+            "chosen": self._chosen,
+            "compared_at": self._compared_at,
+            "since_learning": self._since_learning,
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue from a state that ``state`` returned.
+
+        Raises:
+            RunLogError: the state does not fit.
+        """
+        try:
+            members = [
+                _restored(member, record)
+                for member, record in zip(self._members, state["members"], strict=True)
+            ]
+            chosen, compared_at = int(state["chosen"]), int(state["compared_at"])
+            since = None if state["since_learning"] is None else int(state["since_learning"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise RunLogError(f"the surrogate's state is unreadable: {error!r}") from error
+        if not 0 <= chosen < len(members) or compared_at < 0:
+            raise RunLogError(f"the surrogate's state names member {chosen} of {len(members)}")
+        self._members, self._chosen = members, chosen
+        self._compared_at, self._since_learning = compared_at, since
+
+
+def _restored(member: Member, record: dict[str, Any]) -> Member:
+    vector = np.array(record["vector"], dtype=np.float64)
+    if record["kernel"] != member.kernel.name or vector.shape != member.vector.shape:
+        raise ValueError(f"expected {member.kernel.name}, got {record['kernel']!r}")
+    evidence = -np.inf if record["evidence"] is None else float(record["evidence"])
+    return Member(member.kernel, vector, evidence)
