@@ -128,7 +128,8 @@ def run(args: argparse.Namespace) -> int:
         missing = [name for name in PEER_NAMES if name not in installed_peers()]
         if missing and {"all", "peers"} & set(args.methods):
             _say(f"skipped, not installed (extra [peers]): {', '.join(missing)}", sys.stderr)
-        outcome = run_jobs(jobs, args.out, args.workers or os.cpu_count() or 1)
+        workers = args.workers if args.workers is not None else os.cpu_count() or 1
+        outcome = run_jobs(jobs, args.out, workers)
     except MeboGraspError as error:
         _say(f"error: {error}", sys.stderr)
         return 2

@@ -7,8 +7,10 @@ the next start writes again from the run's complete log.
 
 from __future__ import annotations
 
+import fcntl
 import json
 import multiprocessing
+import multiprocessing.connection
 import os
 import signal
 import sys
@@ -27,6 +29,7 @@ from mebo_grasp.experiments.protocol import Job
 from mebo_grasp.experiments.run_job import RunStopped, run_job
 
 RESULTS_FILE = "results.jsonl"
+_LOCK_FILE = ".lock"
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 _REPORT_SECONDS = 15.0
 
@@ -83,9 +86,18 @@ def _open_results(out: Path) -> TextIO:
     return path.open("a", encoding="utf-8")
 
 
+def _die_with_parent() -> None:
+    """End this process as soon as its parent is gone, so that a killed benchmark leaves no writer behind."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        multiprocessing.connection.wait([parent.sentinel])
+        os._exit(1)
+
+
 def _start_worker(event: Any) -> None:
     global _stop_event
     _stop_event = event
+    threading.Thread(target=_die_with_parent, daemon=True).start()
     # Ctrl-C reaches the whole process group; the parent answers it and tells the workers by the event.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
@@ -162,6 +174,19 @@ def _clock(seconds: float) -> str:
 
 
 @contextmanager
+def _sole_user(out: Path) -> Iterator[None]:
+    """Hold the folder: two benchmarks that write the same logs would ruin both."""
+    with (out / _LOCK_FILE).open("w") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise RunLogError(
+                f"{out} is in use by another process; wait for it or choose another --out"
+            ) from error
+        yield
+
+
+@contextmanager
 def _one_thread_each() -> Iterator[None]:
     """Child processes started inside use one BLAS thread; the variables are read when numpy is loaded."""
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
@@ -210,20 +235,21 @@ def run_jobs(jobs: Sequence[Job], out: Path, workers: int = 1, progress: TextIO 
 
     Raises:
         InvalidSettingsError: workers is below 1 or two jobs are the same.
-        RunLogError: the folder's results cannot be read.
+        RunLogError: the folder is in use by another process, or its results cannot be read.
     """
     if workers < 1:
         raise InvalidSettingsError(f"workers must be at least 1, got {workers}")
     if len({job.key for job in jobs}) < len(jobs):
         raise InvalidSettingsError("two jobs are the same run; give each method, function and seed once")
     out.mkdir(parents=True, exist_ok=True)
-    known = load_results(out)
-    to_do = [job for job in jobs if job.key not in known]
     outcome = Outcome()
-    if to_do:
-        with _open_results(out) as stream:
-            bar = Progress(len(to_do), workers, progress or sys.stderr)
-            _run_all(to_do, out, workers, stream, bar, known, outcome)
+    with _sole_user(out):
+        known = load_results(out)
+        to_do = [job for job in jobs if job.key not in known]
+        if to_do:
+            with _open_results(out) as stream:
+                bar = Progress(len(to_do), workers, progress or sys.stderr)
+                _run_all(to_do, out, workers, stream, bar, known, outcome)
     outcome.results = [known[job.key] for job in jobs if job.key in known]
     return outcome
 

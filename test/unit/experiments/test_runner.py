@@ -1,0 +1,289 @@
+"""Runs in parallel, their logs and results, and what a kill, a stop or an error does to them."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mebo_grasp.errors import InvalidSettingsError, RunLogError
+from mebo_grasp.experiments import peers
+from mebo_grasp.experiments import run_job as run_job_module
+from mebo_grasp.experiments.problems import Problem
+from mebo_grasp.experiments.protocol import Job, make_jobs
+from mebo_grasp.experiments.run_job import RunStopped, read_trace, run_job
+from mebo_grasp.experiments.runner import RESULTS_FILE, Progress, _sole_user, load_results, run_jobs
+from mebo_grasp.grasp import FloatArray
+
+SMALL = {"budget": 16, "n_initial": 7, "batch_size": 3}
+MEBO = Job("mebo", "himmelblau", 3, **SMALL)
+REPOSITORY = Path(__file__).resolve().parents[3]
+
+
+class CountedEvaluations:
+    """Counts how often each point is really evaluated, through the problem that the run builds."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.points: list[tuple[float, ...]] = []
+        original = run_job_module.make_problem
+
+        def counted(job: Job) -> Problem:
+            problem = original(job)
+            function = problem.function
+
+            def evaluate(X: FloatArray) -> FloatArray:
+                self.points += [tuple(x) for x in X]
+                return function(X)
+
+            object.__setattr__(problem, "function", evaluate)
+            return problem
+
+        monkeypatch.setattr(run_job_module, "make_problem", counted)
+        # Scoring evaluates as well; only the run's own evaluations are counted here.
+        monkeypatch.setattr(run_job_module, "strict_count", lambda *_: 0)
+
+
+class GoldenPeer:
+    """A real, deterministic optimizer in one class: a Kronecker sequence in pairs."""
+
+    def __init__(self, task: peers.PeerTask) -> None:
+        self._task, self._n = task, 0
+
+    def ask(self, left: int) -> FloatArray:
+        """The next two points."""
+        k = np.arange(self._n + 1, self._n + 1 + min(2, left))[:, None]
+        return self._task.to_box((k * np.array([0.7548776662, 0.5698402910])[: self._task.dim]) % 1.0)
+
+    def tell(self, points: FloatArray, values: FloatArray) -> None:
+        """Count."""
+        del points
+        self._n += len(values)
+
+
+@pytest.fixture
+def golden_peer(monkeypatch: pytest.MonkeyPatch) -> str:
+    kind = peers._PeerKind((), (), GoldenPeer)
+    monkeypatch.setitem(peers._PEERS, "golden", kind)
+    monkeypatch.setattr(run_job_module, "PEER_NAMES", (*peers.PEER_NAMES, "golden"))
+    return "golden"
+
+
+def _trace(job: Job, out: Path) -> tuple[FloatArray, FloatArray]:
+    X, y, _ = read_trace(job.log_path(out), 2)
+    return X, y
+
+
+def test_a_run_uses_its_budget_and_its_log_holds_the_trace(tmp_path: Path) -> None:
+    result = run_job(MEBO, tmp_path)
+    X, y, batches = read_trace(MEBO.log_path(tmp_path), 2)
+    assert result["evaluations"] == len(X) == len(y) == 16
+    problem = run_job_module.make_problem(MEBO)
+    np.testing.assert_array_equal(y, problem(X))
+    assert batches == [[7, 8, 9], [10, 11, 12], [13, 14, 15]]
+    expected = np.mean([np.var(X[batch], axis=0) for batch in batches], axis=0)
+    np.testing.assert_allclose(result["batch_variance"], expected)
+    assert result["optimizer_cpu_seconds"] > 0.0
+    assert {"python", "numpy", "scipy", "mebo_grasp"} <= set(result["versions"])
+    json.dumps(result, allow_nan=False)
+
+
+@pytest.mark.parametrize("kept_share", [0.0, 0.001, 0.2, 0.5, 0.77, 1.0])
+def test_a_cut_log_continues_to_the_same_trace_without_evaluating_a_point_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kept_share: float
+) -> None:
+    whole = run_job(MEBO, tmp_path / "whole")
+    content = MEBO.log_path(tmp_path / "whole").read_bytes()
+    cut = MEBO.log_path(tmp_path / "cut")
+    cut.parent.mkdir(parents=True)
+    cut.write_bytes(content[: round(kept_share * len(content))])
+    told = cut.read_bytes().count(b'"tell"')
+    counted = CountedEvaluations(monkeypatch)
+    again = run_job(MEBO, tmp_path / "cut")
+    for first, second in zip(_trace(MEBO, tmp_path / "whole"), _trace(MEBO, tmp_path / "cut"), strict=True):
+        np.testing.assert_array_equal(first, second)
+    assert again["found"] == whole["found"]
+    assert again["solutions"] == whole["solutions"]
+    # A torn last line may hold one more value that was not whole and so is evaluated again.
+    assert 16 - told <= len(counted.points) <= 16 - told + 1
+    assert len(set(counted.points)) == len(counted.points)
+
+
+@pytest.mark.parametrize("kept_share", [0.0, 0.4, 0.8])
+def test_a_peers_cut_log_continues_the_same_way(
+    tmp_path: Path, golden_peer: str, monkeypatch: pytest.MonkeyPatch, kept_share: float
+) -> None:
+    job = Job(golden_peer, "himmelblau", 0, **SMALL)
+    run_job(job, tmp_path / "whole")
+    content = job.log_path(tmp_path / "whole").read_bytes()
+    cut = job.log_path(tmp_path / "cut")
+    cut.parent.mkdir(parents=True)
+    cut.write_bytes(content[: round(kept_share * len(content))])
+    told = cut.read_bytes().count(b'"tell"')
+    counted = CountedEvaluations(monkeypatch)
+    result = run_job(job, tmp_path / "cut")
+    for first, second in zip(_trace(job, tmp_path / "whole"), _trace(job, tmp_path / "cut"), strict=True):
+        np.testing.assert_array_equal(first, second)
+    assert result["evaluations"] == 16
+    assert 16 - told <= len(counted.points) <= 16 - told + 1
+
+
+def test_a_peer_that_asks_other_points_than_before_is_not_continued(tmp_path: Path, golden_peer: str) -> None:
+    job = Job(golden_peer, "himmelblau", 0, **SMALL)
+    run_job(job, tmp_path)
+    path = job.log_path(tmp_path)
+    lines = path.read_text().splitlines(keepends=True)
+    altered = json.loads(lines[1])
+    altered["trials"][0]["x"][0] += 0.25
+    path.write_text(lines[0] + json.dumps(altered) + "\n" + lines[2])
+    with pytest.raises(RunLogError, match="asked other points"):
+        run_job(job, tmp_path)
+
+
+def test_a_stop_keeps_what_was_done(tmp_path: Path) -> None:
+    answers = iter([False, False, True])
+    with pytest.raises(RunStopped):
+        run_job(MEBO, tmp_path, stop=lambda: next(answers))
+    X, _ = _trace(MEBO, tmp_path)
+    assert 0 < len(X) < 16
+    assert run_job(MEBO, tmp_path)["resumed"]
+
+
+def test_parallel_runs_equal_single_ones_and_are_not_repeated(tmp_path: Path) -> None:
+    jobs = make_jobs(["random", "sobol"], ["himmelblau"], range(2), **SMALL)
+    outcome = run_jobs(jobs, tmp_path / "two", workers=2, progress=io.StringIO())
+    assert [r["key"] for r in outcome.results] == [job.key for job in jobs]
+    for job, result in zip(jobs, outcome.results, strict=True):
+        assert run_job(job, tmp_path / "one")["found_values"] == result["found_values"]
+        for a, b in zip(_trace(job, tmp_path / "one"), _trace(job, tmp_path / "two"), strict=True):
+            np.testing.assert_array_equal(a, b)
+    before = (tmp_path / "two" / RESULTS_FILE).read_bytes()
+    again = run_jobs(jobs, tmp_path / "two", workers=2, progress=io.StringIO())
+    assert again.results == outcome.results
+    assert (tmp_path / "two" / RESULTS_FILE).read_bytes() == before
+
+
+def test_a_run_in_error_is_told_and_does_not_stop_the_others(tmp_path: Path) -> None:
+    jobs = [Job("random", "nowhere", 0, **SMALL), Job("random", "himmelblau", 0, **SMALL)]
+    outcome = run_jobs(jobs, tmp_path, progress=io.StringIO())
+    assert [key for key, _ in outcome.failures] == [jobs[0].key]
+    assert "function must be one of" in outcome.failures[0][1]
+    assert [r["key"] for r in outcome.results] == [jobs[1].key]
+
+
+def test_a_torn_result_is_written_again_from_the_runs_log(tmp_path: Path) -> None:
+    jobs = make_jobs(["random"], ["himmelblau"], range(2), **SMALL)
+    first = run_jobs(jobs, tmp_path, progress=io.StringIO())
+    path = tmp_path / RESULTS_FILE
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) - 40])
+    assert len(load_results(tmp_path)) == 1
+    second = run_jobs(jobs, tmp_path, progress=io.StringIO())
+    assert [r["found"] for r in second.results] == [r["found"] for r in first.results]
+    assert len(load_results(tmp_path)) == 2
+
+
+def test_results_that_are_none_are_refused(tmp_path: Path) -> None:
+    (tmp_path / RESULTS_FILE).write_text("nonsense\n{}\n")
+    with pytest.raises(RunLogError, match="line 1"):
+        load_results(tmp_path)
+
+
+def test_bad_requests_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidSettingsError, match="workers"):
+        run_jobs([MEBO], tmp_path, workers=0)
+    with pytest.raises(InvalidSettingsError, match="same run"):
+        run_jobs([MEBO, MEBO], tmp_path)
+
+
+_SCRIPT = """
+import sys
+from pathlib import Path
+from mebo_grasp.experiments.protocol import make_jobs
+from mebo_grasp.experiments.runner import run_jobs
+jobs = make_jobs(["mebo"], ["vincent_2d"], [0, 1], budget=90, n_initial=10)
+outcome = run_jobs(jobs, Path(sys.argv[1]), workers=1)
+sys.exit(130 if outcome.interrupted else 0)
+"""
+
+
+def _start(out: Path) -> subprocess.Popen[bytes]:
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
+    return subprocess.Popen(
+        [sys.executable, "-c", _SCRIPT, str(out)],
+        env=environment,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+
+
+def _wait_for_tells(out: Path, count: int) -> None:
+    limit = time.monotonic() + 60.0
+    while time.monotonic() < limit:
+        if sum(path.read_bytes().count(b'"tell"') for path in out.rglob("seed-*.jsonl")) >= count:
+            return
+        time.sleep(0.02)
+    pytest.fail("the runs did not begin within a minute")
+
+
+def _traces(out: Path) -> dict[str, list[list[float]]]:
+    return {path.name: read_trace(path, 2)[0].tolist() for path in sorted(out.rglob("seed-*.jsonl"))}
+
+
+@pytest.mark.slow
+def test_killed_and_interrupted_benchmarks_continue_to_the_same_traces(tmp_path: Path) -> None:
+    out = tmp_path / "broken"
+    killed = _start(out)
+    _wait_for_tells(out, 30)
+    killed.kill()
+    killed.wait(30)
+    time.sleep(1.0)
+    quiet = _traces(out)
+    time.sleep(0.5)
+    # The worker went with its parent: nobody writes any more.
+    assert _traces(out) == quiet
+    assert sum(len(trace) for trace in quiet.values()) < 180
+
+    interrupted = _start(out)
+    _wait_for_tells(out, sum(len(trace) for trace in quiet.values()) + 3)
+    os.killpg(interrupted.pid, signal.SIGINT)
+    assert interrupted.wait(60) == 130
+    assert sum(len(trace) for trace in _traces(out).values()) < 180
+
+    for seed in (0, 1):
+        job = Job("mebo", "vincent_2d", seed, budget=90, n_initial=10)
+        run_job(job, out)
+        run_job(job, tmp_path / "whole")
+    assert _traces(out) == _traces(tmp_path / "whole")
+
+
+def test_a_folder_in_use_is_refused(tmp_path: Path) -> None:
+    with _sole_user(tmp_path), pytest.raises(RunLogError, match="in use"):
+        run_jobs([MEBO], tmp_path, progress=io.StringIO())
+
+
+def test_time_left_weighs_the_methods_by_their_own_runs() -> None:
+    bar = Progress(total=6, workers=2, stream=io.StringIO())
+    assert bar.seconds_left(["slow"]) is None
+    bar.finished("slow", 10.0)
+    bar.finished("slow", 30.0)
+    bar.finished("quick", 2.0)
+    # Two slow runs of 20 s and one quick one of 2 s on two workers; an unseen method takes the mean, 11 s.
+    assert bar.seconds_left(["slow", "slow", "quick"]) == pytest.approx(21.0)
+    assert bar.seconds_left(["unseen"]) == pytest.approx(5.5)
+
+
+def test_progress_names_what_is_done_and_left() -> None:
+    stream = io.StringIO()
+    bar = Progress(total=4, workers=1, stream=stream)
+    bar.finished("a", 3700.0)
+    bar.show(["a"], force=True)
+    assert "1/4 runs" in stream.getvalue()
+    assert "1:01:40 left" in stream.getvalue()
