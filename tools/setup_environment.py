@@ -127,7 +127,7 @@ def check_machine() -> None:
 
 def terminate_group(process: subprocess.Popen[bytes]) -> None:
     """Stop a command and all it started: ask first, then kill."""
-    for sign, patience in ((signal.SIGINT, 5.0), (signal.SIGKILL, 5.0)):
+    for sign, patience in ((signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0)):
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, sign)
         with contextlib.suppress(subprocess.TimeoutExpired):
