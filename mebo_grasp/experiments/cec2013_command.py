@@ -30,6 +30,7 @@ from mebo_grasp.experiments.protocol import (
 )
 from mebo_grasp.experiments.runner import Outcome, run_jobs
 from mebo_grasp.experiments.tables import ResultSet, all_tables, legend
+from mebo_grasp.optimization.methods.basin_search import BasinSearch
 
 DEFAULT_METHODS = ("default", "mebo")
 PENALIZATION = "local_penalization"
@@ -76,10 +77,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def default_method() -> str:
-    """Name of the method that ``default`` stands for: the registry's own, while it has none, mebo."""
-    from mebo_grasp.optimization.methods import registry
-
-    return str(getattr(registry, "DEFAULT_METHOD", "mebo"))
+    """Name of the method that ``default`` stands for."""
+    return BasinSearch.name
 
 
 def plan(args: argparse.Namespace) -> list[Job]:

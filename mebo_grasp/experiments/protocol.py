@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from mebo_grasp.errors import InvalidSettingsError
+from mebo_grasp.experiments.acquisition_study import STUDY_NAMES
 from mebo_grasp.experiments.peers import PEER_NAMES
 from mebo_grasp.experiments.problems import (
     BATCH_VARIANCE_FUNCTIONS,
@@ -149,9 +150,9 @@ def settings_of(job: Job, problem: Problem) -> tuple[str, MethodSettings]:
 
 
 def known_methods() -> tuple[str, ...]:
-    """Everything that ``--methods`` accepts by name: methods, their variants, peers."""
+    """Everything that ``--methods`` accepts by name: methods, variants, the acquisition study, peers."""
     variants = tuple(name for name, variant in VARIANTS.items() if variant.method in METHOD_NAMES)
-    return (*METHOD_NAMES, *variants, *PEER_NAMES)
+    return (*METHOD_NAMES, *variants, *STUDY_NAMES, *PEER_NAMES)
 
 
 def select_methods(names: Iterable[str], default: str, installed_peers: Sequence[str]) -> list[str]:

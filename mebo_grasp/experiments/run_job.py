@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from mebo_grasp.errors import RunLogError
+from mebo_grasp.experiments.acquisition_study import STUDY_NAMES, StudyOptimizer
 from mebo_grasp.experiments.metrics import (
     STRICT_ACCURACIES,
     competition_count,
@@ -28,6 +29,7 @@ from mebo_grasp.experiments.peers import PEER_NAMES, Peer, make_peer, peer_packa
 from mebo_grasp.experiments.problems import Problem
 from mebo_grasp.experiments.protocol import Job, make_problem, settings_of
 from mebo_grasp.grasp import FloatArray
+from mebo_grasp.optimization.optimizer import INITIAL_PHASE
 from mebo_grasp.optimization.run_log import LoggedOptimizer, RunLog
 from mebo_grasp.optimization.search_space import SearchSpace
 
@@ -67,7 +69,7 @@ def run_job(job: Job, out: Path, stop: StopCheck = lambda: False) -> dict[str, A
     path = job.log_path(out)
     path.parent.mkdir(parents=True, exist_ok=True)
     begin = time.perf_counter()
-    run = _run_peer if job.method in PEER_NAMES else _run_method
+    run = _run_peer if job.method in (*PEER_NAMES, *STUDY_NAMES) else _run_method
     cpu_seconds, resumed, solutions = run(job, problem, path, stop)
     result = score_log(job, path)
     return {
@@ -121,13 +123,19 @@ def _run_method(job: Job, problem: Problem, path: Path, stop: StopCheck) -> tupl
     return cpu, resumed, solutions
 
 
+def _make_peer(job: Job, problem: Problem) -> Peer:
+    if job.method in STUDY_NAMES:
+        return StudyOptimizer(job.method, problem, settings_of(job, problem)[1], job.seed)
+    return make_peer(job.method, problem.lower, problem.upper, job.n_initial, job.batch_size, job.seed)
+
+
 def _run_peer(job: Job, problem: Problem, path: Path, stop: StopCheck) -> tuple[float, bool, FloatArray]:
     if _is_empty_log(path):
         path.unlink()
     resumed = path.exists()
     X, y, _ = read_trace(path, problem.dim) if resumed else (np.empty((0, problem.dim)), np.empty(0), [])
     begin = time.process_time()
-    peer = make_peer(job.method, problem.lower, problem.upper, job.n_initial, job.batch_size, job.seed)
+    peer = _make_peer(job, problem)
     cpu = time.process_time() - begin
     header = {"method": job.method, "seed": job.seed, "budget": job.budget, "versions": versions(job.method)}
     log = RunLog.append(path) if resumed else RunLog.create(path, header)
@@ -139,7 +147,9 @@ def _run_peer(job: Job, problem: Problem, path: Path, stop: StopCheck) -> tuple[
             begin = time.process_time()
             batch = peer.ask(job.budget - n)
             cpu += time.process_time() - begin
-            values = _answer_peer(problem, batch, X[n : n + len(batch)], y[n : n + len(batch)], n, log)
+            phase = INITIAL_PHASE if n < job.n_initial else "peer"
+            known = slice(n, n + len(batch))
+            values = _answer_peer(problem, batch, (X[known], y[known]), n, phase, log)
             begin = time.process_time()
             peer.tell(batch, values)
             cpu += time.process_time() - begin
@@ -150,9 +160,15 @@ def _run_peer(job: Job, problem: Problem, path: Path, stop: StopCheck) -> tuple[
 
 
 def _answer_peer(
-    problem: Problem, batch: FloatArray, logged_X: FloatArray, logged_y: FloatArray, first: int, log: RunLog
+    problem: Problem,
+    batch: FloatArray,
+    logged: tuple[FloatArray, FloatArray],
+    first: int,
+    phase: str,
+    log: RunLog,
 ) -> FloatArray:
     """Values of a peer's batch: the logged ones as far as the log goes, evaluated and logged beyond."""
+    logged_X, logged_y = logged
     known = len(logged_y)
     if not np.array_equal(batch[:known], logged_X):
         raise RunLogError(
@@ -161,8 +177,8 @@ def _answer_peer(
         )
     fresh = problem(batch[known:]) if known < len(batch) else np.empty(0)
     if known == 0:
-        trials = [{"id": first + i, "x": x.tolist(), "phase": "peer"} for i, x in enumerate(batch)]
-        log.write({"kind": "ask", "phase": "peer", "trials": trials})
+        trials = [{"id": first + i, "x": x.tolist(), "phase": phase} for i, x in enumerate(batch)]
+        log.write({"kind": "ask", "phase": phase, "trials": trials})
     for i, value in enumerate(fresh, start=known):
         log.write({"kind": "tell", "id": first + i, "value": float(value)})
     return np.concatenate([logged_y, fresh])
@@ -202,7 +218,7 @@ def read_trace(path: Path, dim: int) -> tuple[FloatArray, FloatArray, list[list[
     for record in RunLog.load(path):
         if record["kind"] == "ask":
             points |= {trial["id"]: trial["x"] for trial in record["trials"]}
-            batch = [trial["id"] for trial in record["trials"] if trial["phase"] != "initial design"]
+            batch = [trial["id"] for trial in record["trials"] if trial["phase"] != INITIAL_PHASE]
             batches += [batch] if batch else []
         elif record["kind"] == "tell":
             values[record["id"]] = record["value"]

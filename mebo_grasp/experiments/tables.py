@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mebo_grasp.experiments import published
+from mebo_grasp.experiments.acquisition_study import STUDY_NAMES
 from mebo_grasp.experiments.metrics import STRICT_ACCURACIES, RunScore, Summary, summarize
 from mebo_grasp.experiments.problems import ALL_FUNCTIONS, BATCH_VARIANCE_FUNCTIONS, THESIS_FUNCTIONS
 from mebo_grasp.experiments.protocol import VARIANTS
@@ -303,13 +304,13 @@ def all_tables(results: Sequence[Result]) -> list[Table]:
     tables: list[Table | None] = []
     for suffix in ("", "~t"):
         labels = [name + suffix for name in THESIS_FUNCTIONS]
-        methods = {m: m for m in runs.methods(labels) if m not in ("mebo_ei", "mebo_ucb")}
+        methods = {m: m for m in runs.methods(labels) if m not in STUDY_NAMES}
         tables += [
             comparison_table(table, runs, methods, suffix)
             for table in (published.METHODS_1D, published.METHODS_2D)
         ]
         tables.append(strict_table(runs, [label for label in labels if label in runs.problems()]))
-    if any(runs.methods(THESIS_FUNCTIONS).count(m) for m in ("mebo_ei", "mebo_ucb")):
+    if set(STUDY_NAMES) & set(runs.methods(THESIS_FUNCTIONS)):
         tables += _acquisition_tables(runs)
     tables += _penalization_tables(runs)
     others = [

@@ -123,6 +123,13 @@ def test_competition_counts_twice_within_one_wide_peak_and_the_strict_rule_does_
     assert strict_count(EQUAL, X, 1e-3) == 1
 
 
+def test_points_within_the_niche_radius_are_one_seed() -> None:
+    X = _column(0.1, 0.105, 0.3)
+    assert competition_count(EQUAL, X, EQUAL(X), 0.1) == 2
+    near = np.stack([RASTRIGIN.optima[0], RASTRIGIN.optima[0] + np.array([0.004, 0.0])])
+    assert thesis_score(RASTRIGIN, near, RASTRIGIN(near)).found == 1
+
+
 def test_competition_counts_no_more_than_there_are() -> None:
     X = np.linspace(0.0, 1.0, 2001)[:, None]
     assert competition_count(EQUAL, X, EQUAL(X), 0.1) == 5

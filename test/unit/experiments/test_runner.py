@@ -17,6 +17,7 @@ import pytest
 from mebo_grasp.errors import InvalidSettingsError, RunLogError
 from mebo_grasp.experiments import peers
 from mebo_grasp.experiments import run_job as run_job_module
+from mebo_grasp.experiments.acquisition_study import STUDY_NAMES
 from mebo_grasp.experiments.problems import Problem
 from mebo_grasp.experiments.protocol import Job, make_jobs
 from mebo_grasp.experiments.run_job import RunStopped, read_trace, run_job
@@ -81,6 +82,11 @@ def _trace(job: Job, out: Path) -> tuple[FloatArray, FloatArray]:
     return X, y
 
 
+def _trace_of(job: Job, out: Path) -> FloatArray:
+    run_job(job, out)
+    return _trace(job, out)[0]
+
+
 def test_a_run_uses_its_budget_and_its_log_holds_the_trace(tmp_path: Path) -> None:
     result = run_job(MEBO, tmp_path)
     X, y, batches = read_trace(MEBO.log_path(tmp_path), 2)
@@ -114,6 +120,27 @@ def test_a_cut_log_continues_to_the_same_trace_without_evaluating_a_point_twice(
     # A torn last line may hold one more value that was not whole and so is evaluated again.
     assert 16 - told <= len(counted.points) <= 16 - told + 1
     assert len(set(counted.points)) == len(counted.points)
+
+
+@pytest.mark.parametrize("name", STUDY_NAMES)
+def test_the_acquisition_study_runs_and_continues_after_a_cut(tmp_path: Path, name: str) -> None:
+    job = Job(name, "himmelblau", 1, **SMALL)
+    whole = run_job(job, tmp_path)
+    before = _trace(job, tmp_path)
+    batches = read_trace(job.log_path(tmp_path), 2)[2]
+    assert batches == [[7, 8, 9], [10, 11, 12], [13, 14, 15]]
+    path = job.log_path(tmp_path)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    assert run_job(job, tmp_path)["found_values"] == whole["found_values"]
+    for first, second in zip(before, _trace(job, tmp_path), strict=True):
+        np.testing.assert_array_equal(first, second)
+
+
+def test_the_acquisition_study_differs_by_its_acquisition_alone(tmp_path: Path) -> None:
+    traces = [_trace_of(Job(name, "himmelblau", 1, **SMALL), tmp_path) for name in (*STUDY_NAMES, "mebo")]
+    for trace in traces[1:]:
+        np.testing.assert_array_equal(trace[:7], traces[0][:7])
+        assert not np.array_equal(trace[7:], traces[0][7:])
 
 
 @pytest.mark.parametrize("kept_share", [0.0, 0.4, 0.8])
