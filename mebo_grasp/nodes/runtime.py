@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Callable
 from functools import wraps
@@ -10,6 +11,7 @@ from typing import Any
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 from mebo_grasp.errors import MeboGraspError
 
@@ -77,18 +79,25 @@ def run_node(make_node: Callable[[], Node]) -> None:
     Ends with exit code 0 after SIGINT, SIGTERM or a shutdown of the context, and with
     ``EXIT_BAD_SETTINGS`` and one clear line when the node refuses its parameters.
     """
-    rclpy.init()
+    # rclpy itself ends spin() at SIGINT and SIGTERM. Python's KeyboardInterrupt on top of it could come
+    # at any later point, in the middle of closing a database too.
+    signal.signal(signal.SIGINT, lambda _number, _frame: None)
+    rclpy.init(signal_handler_options=SignalHandlerOptions.ALL)
     node: Node | None = None
     try:
         node = make_node()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except ExternalShutdownException:
         pass
     except MeboGraspError as error:
         rclpy.logging.get_logger("mebo_grasp").fatal(str(error))
         sys.exit(EXIT_BAD_SETTINGS)
+    except Exception:
+        # A node that is told to stop while it is being made fails somewhere in rclpy: that is no error.
+        if rclpy.ok():
+            raise
     finally:
         if node is not None:
             node.destroy_node()
