@@ -8,14 +8,21 @@ from enum import IntEnum
 from pathlib import Path
 from types import TracebackType
 
-from mebo_grasp.errors import ArchiveError
-from mebo_grasp.grasp import StampedGrasp
+import numpy as np
+import numpy.typing as npt
+
+from mebo_grasp.errors import ArchiveError, InvalidHandError
+from mebo_grasp.grasp import FloatArray, StampedGrasp
 from mebo_grasp.solutions.best_grasp import BestGraspAnswer, BestGraspQuery
 from mebo_grasp.solutions.diversity import PoseMetric
 from mebo_grasp.solutions.grasp_index import GraspIndex
+from mebo_grasp.solutions.hand_volume import HandVolumeOf
 from mebo_grasp.solutions.occlusion import Occlusion
 from mebo_grasp.solutions.solution_set import SolutionSet
 from mebo_grasp.solutions.trial_store import TrialStore
+
+COMPLETED_AT_ONCE = 1000
+"""Trials whose hand volume is added in one transaction."""
 
 
 class AddStatus(IntEnum):
@@ -39,6 +46,9 @@ class SolutionArchive:
         path: database file, created when absent, or ``":memory:"`` for an archive that is not kept.
         object_id: name of the object; one file may hold several objects.
         metric: distance between grasps.
+        hand_volume: tells the room that the hand takes up in a grasp, for the rule ``HAND``; grasps that
+            were stored without it are completed when the archive is opened.
+        approach_axis: direction in which the TCP arrives, in its own frame, shape (3,).
         sync_each_trial: wait for the disk at each trial (some milliseconds), so that a loss of power
             loses no acknowledged trial either.
 
@@ -53,20 +63,38 @@ class SolutionArchive:
         object_id: str,
         metric: PoseMetric | None = None,
         *,
+        hand_volume: HandVolumeOf | None = None,
+        approach_axis: npt.ArrayLike = (0.0, 0.0, 1.0),
         sync_each_trial: bool = False,
     ) -> None:
         if not object_id:
             raise ArchiveError("an archive needs the name of its object, got an empty one")
         self.metric = PoseMetric() if metric is None else metric
+        self._hand_volume = hand_volume
+        self._approach_axis = _unit(approach_axis)
         self._guard = threading.RLock()
         self._store = TrialStore(path, object_id, sync_each_trial)
         try:
             self._trials = self._store.count()
-            self._index = GraspIndex(self._store.load_poses())
+            self._complete_volumes()
+            self._index = self._make_index()
         except BaseException:
             self._store.close()
             raise
         self._is_open = True
+
+    def _complete_volumes(self) -> None:
+        if self._hand_volume is None:
+            return
+        missing = self._store.stamps_without_volume()
+        for begin in range(0, len(missing), COMPLETED_AT_ONCE):
+            self._store.store_volumes(
+                (stamp, self._hand_volume(self._store.read(stamp).grasp).packed())
+                for stamp in missing[begin : begin + COMPLETED_AT_ONCE]
+            )
+
+    def _make_index(self) -> GraspIndex:
+        return GraspIndex(self._store.load(with_volumes=self._hand_volume is not None))
 
     @property
     def object_id(self) -> str:
@@ -118,15 +146,17 @@ class SolutionArchive:
             raise ArchiveError(
                 f"a trial of '{grasp.object_id}' does not belong to the archive of '{self.object_id}'"
             )
+        is_answer = grasp.quality > 0.0
+        volume = self._hand_volume(grasp) if self._hand_volume is not None and is_answer else None
         with self._guard:
             self._require_open()
-            if not self._store.insert(trial):
+            if not self._store.insert(trial, None if volume is None else volume.packed()):
                 return AddStatus.DUPLICATE
             self._trials += 1
-            if not grasp.quality > 0.0:
+            if not is_answer:
                 return AddStatus.STORED
             improved = grasp.quality > self._index.best_quality
-            self._index.add(trial.stamp_ns, grasp.quality, grasp.T_object_tcp)
+            self._index.add(trial.stamp_ns, grasp.quality, grasp.T_object_tcp, volume)
             return AddStatus.IMPROVED if improved else AddStatus.STORED
 
     def best(self, query: BestGraspQuery | None = None) -> BestGraspAnswer:
@@ -141,7 +171,7 @@ class SolutionArchive:
         query = BestGraspQuery() if query is None else query
         with self._guard:
             self._require_open()
-            found = self._index.search(query, self.metric)
+            found = self._index.search(query, self.metric, self._approach_axis)
             grasps = tuple(self._store.read(stamp) for stamp in found.stamps_ns)
         counts: dict[str, int] = {}
         for occlusion, count in zip(query.occlusions, found.blocked, strict=True):
@@ -186,7 +216,8 @@ class SolutionArchive:
             self._require_open()
             deleted = self._store.delete_object()
             self._trials = 0
-            self._index = GraspIndex(self._store.load_poses())
+            self._index.close()
+            self._index = self._make_index()
         return deleted
 
     def object_counts(self) -> dict[str, int]:
@@ -204,8 +235,19 @@ class SolutionArchive:
         with self._guard:
             if self._is_open:
                 self._is_open = False
+                self._index.close()
                 self._store.close()
 
     def _require_open(self) -> None:
         if not self._is_open:
             raise ArchiveError(f"the archive {self.path} is closed")
+
+
+def _unit(direction: npt.ArrayLike) -> FloatArray:
+    vector = np.array(direction, dtype=np.float64)
+    length = float(np.linalg.norm(vector))
+    if vector.shape != (3,) or not np.isfinite(length) or length == 0.0:
+        raise InvalidHandError(
+            f"an approach axis needs three finite numbers, not all 0; got {vector.tolist()}"
+        )
+    return vector / length

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from mebo_grasp.errors import InvalidQueryError
 from mebo_grasp.grasp import StampedGrasp
+from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.occlusion import Occlusion
 
 
@@ -19,6 +20,9 @@ class BestGraspQuery:
         max_grasps: how many grasps at most.
         min_quality: least quality of a grasp.
         min_diversity: least mutual distance of the returned grasps, metres; 0 for none.
+        rule: when a grasp counts as blocked.
+        approach_length: under the rule ``HAND``, length of the straight path by which the TCP arrives,
+            against the approach axis, metres; 0 for none.
 
     Raises:
         InvalidQueryError: a number is out of range or not finite.
@@ -28,14 +32,17 @@ class BestGraspQuery:
     max_grasps: int = 1
     min_quality: float = 0.0
     min_diversity: float = 0.0
+    rule: BlockingRule = BlockingRule.TCP
+    approach_length: float = 0.0
 
     def __post_init__(self) -> None:
         if self.max_grasps < 1:
             raise InvalidQueryError(f"max_grasps must be at least 1, got {self.max_grasps}")
-        for name in ("min_quality", "min_diversity"):
+        for name in ("min_quality", "min_diversity", "approach_length"):
             value = getattr(self, name)
             if not math.isfinite(value) or value < 0.0:
                 raise InvalidQueryError(f"{name} must be finite and at least 0, got {value}")
+            object.__setattr__(self, name, float(value))
         object.__setattr__(self, "occlusions", tuple(self.occlusions))
 
 

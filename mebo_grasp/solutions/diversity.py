@@ -53,6 +53,7 @@ class PoseMetric:
             raise InvalidQueryError(
                 f"rotation_weight must be finite and at least 0 m/rad, got {self.rotation_weight}"
             )
+        object.__setattr__(self, "rotation_weight", float(self.rotation_weight))
 
     def distance(self, a: Pose, b: Pose) -> float:
         """Return the distance between two poses, metres."""

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from mebo_grasp.errors import InvalidQueryError
 from mebo_grasp.grasp import FloatArray, Pose
+from mebo_grasp.solutions.best_first import Grasps, NodeBounds, Wanted, node_bounds, search
 from mebo_grasp.solutions.best_grasp import BestGraspQuery
+from mebo_grasp.solutions.blocking import BlockingRule
+from mebo_grasp.solutions.bounding_tree import BoundingTree, build_tree
 from mebo_grasp.solutions.diversity import IntArray, PoseMetric
-from mebo_grasp.solutions.occlusion import NOT_BLOCKED, first_blocking
-from mebo_grasp.solutions.trial_store import StoredPoses
+from mebo_grasp.solutions.hand_volume import HandVolume, bounding_balls
+from mebo_grasp.solutions.occlusion import make_scene
+from mebo_grasp.solutions.trial_store import StoredGrasps
 
-FIRST_BLOCK = 256
-"""Grasps looked at in the first step of a search; each further step looks at twice as many."""
+LEAF_SIZE = 48
+UNCOVERED = 512
+UNCOVERED_SHARE = 64
+"""A new tree is made when more than ``UNCOVERED`` grasps, and more than one in ``UNCOVERED_SHARE``, are
+not in the tree; until then a search looks at them one by one."""
+BACKGROUND_SIZE = 4_000
+"""From this number of grasps on a new tree is made in a thread, while the old one still answers."""
 
 
 @dataclass(frozen=True)
@@ -31,89 +44,182 @@ class Found:
     blocked: IntArray
 
 
-class GraspIndex:
-    """Grasps with a quality above zero, sorted by quality, then by stamp.
+class Column:
+    """An array that grows at its end without being copied each time.
 
     Args:
-        poses: what is stored already.
+        values: what it starts with, shape (n, ...).
     """
 
-    def __init__(self, poses: StoredPoses) -> None:
-        self._stamps = poses.stamps_ns
-        self._qualities = poses.qualities
-        self._positions = poses.positions
-        self._quaternions = poses.quaternions
-        # Rows come in the order of their stamps, so a stable sort breaks ties by stamp.
-        self._order = np.argsort(-self._qualities, kind="stable")
+    def __init__(self, values: npt.NDArray[Any]) -> None:
+        self._values = np.ascontiguousarray(values)
+        self._length = len(values)
+
+    @property
+    def array(self) -> npt.NDArray[Any]:
+        """What is in it now; rows that are added later do not change it."""
+        return self._values[: self._length]
+
+    def extend(self, values: npt.NDArray[Any]) -> None:
+        """Add rows, shape (k, ...)."""
+        needed = self._length + len(values)
+        if needed > len(self._values):
+            capacity = max(needed, len(self._values) * 5 // 4, 64)
+            grown = np.empty((capacity, *self._values.shape[1:]), self._values.dtype)
+            grown[: self._length] = self.array
+            self._values = grown
+        self._values[self._length : needed] = values
+        self._length = needed
+
+
+class Covering:
+    """The tree of one blocking rule, made anew when too many grasps are not in it."""
+
+    def __init__(self) -> None:
+        nowhere = np.empty((0, 3))
+        none = np.empty(0, dtype=np.int64)
+        nothing = np.empty(0)
+        self.tree = BoundingTree(none, none, none, none, nowhere, nowhere)
+        self.bounds = NodeBounds(nothing, nothing, nothing, nothing)
+        self._pending: Future[tuple[BoundingTree, NodeBounds]] | None = None
+        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="grasp_index")
+
+    @property
+    def size(self) -> int:
+        """Number of grasps in the tree: the first ones."""
+        return len(self.tree.order)
+
+    def refresh(self, grasps: Grasps) -> None:
+        """Make a new tree if it is time to; answers stay the same, only their time changes."""
+        if self._pending is not None:
+            if not self._pending.done():
+                return
+            self.tree, self.bounds = self._pending.result()
+            self._pending = None
+        n = len(grasps.qualities)
+        if n - self.size <= max(UNCOVERED, n // UNCOVERED_SHARE):
+            return
+        if self.size == 0 or n < BACKGROUND_SIZE:
+            self.tree, self.bounds = _cover(grasps)
+        else:
+            self._pending = self._worker.submit(_cover, grasps)
+
+    def close(self) -> None:
+        """Let the worker end."""
+        self._worker.shutdown(wait=False, cancel_futures=True)
+
+
+def _cover(grasps: Grasps) -> tuple[BoundingTree, NodeBounds]:
+    tree = build_tree(grasps.points, grasps.points, LEAF_SIZE)
+    return tree, node_bounds(tree, grasps)
+
+
+class GraspIndex:
+    """Grasps with a quality above zero, ready for questions under each blocking rule.
+
+    Args:
+        stored: what is stored already.
+    """
+
+    def __init__(self, stored: StoredGrasps) -> None:
+        self._stamps = Column(stored.stamps_ns)
+        self._qualities = Column(stored.qualities)
+        self._positions = Column(stored.positions)
+        self._quaternions = Column(stored.quaternions)
+        self._no_radius = Column(np.zeros(len(stored.stamps_ns)))
+        self._first_capsule = Column(stored.first_capsule)
+        self._capsules = Column(stored.capsules)
+        self._has_volumes = stored.has_volumes
+        balls = bounding_balls(
+            stored.positions, stored.quaternions, stored.first_capsule, stored.capsules
+        )
+        self._centers, self._inner, self._outer = (Column(values) for values in balls)
+        self._coverings = {BlockingRule.TCP: Covering()}
+        if self._has_volumes:
+            self._coverings[BlockingRule.HAND] = Covering()
+        self._best = float(stored.qualities.max()) if len(self) else 0.0
+        self._refresh()
+        self._warm_up()
+
+    def _warm_up(self) -> None:
+        # Compiled code is made or loaded at its first use: that must not fall into the first question.
+        for rule in self._coverings:
+            self.search(BestGraspQuery(rule=rule), PoseMetric(), np.array([0.0, 0.0, 1.0]))
 
     def __len__(self) -> int:
-        return len(self._qualities)
+        return len(self._qualities.array)
 
     @property
     def best_quality(self) -> float:
         """The best quality, 0 when nothing is stored."""
-        return float(self._qualities[self._order[0]]) if len(self) else 0.0
+        return self._best
 
-    def add(self, stamp_ns: int, quality: float, pose: Pose) -> None:
+    def add(self, stamp_ns: int, quality: float, pose: Pose, volume: HandVolume | None) -> None:
         """Add one grasp; its quality must be above zero and its stamp new."""
-        ties = self._qualities[self._order]
-        first = int(np.searchsorted(-ties, -quality, side="left"))
-        last = int(np.searchsorted(-ties, -quality, side="right"))
-        rank = first + int(np.searchsorted(self._stamps[self._order[first:last]], stamp_ns))
-        self._order = np.insert(self._order, rank, len(self))
-        self._stamps = np.append(self._stamps, stamp_ns)
-        self._qualities = np.append(self._qualities, quality)
-        self._positions = np.concatenate([self._positions, pose.position[None]])
-        self._quaternions = np.concatenate([self._quaternions, pose.quaternion_xyzw[None]])
+        position, quaternion = pose.position[None], pose.quaternion_xyzw[None]
+        capsules = np.empty((0, 7), dtype=np.int16) if volume is None else volume.packed()
+        balls = bounding_balls(position, quaternion, np.array([0, len(capsules)]), capsules)
+        self._capsules.extend(capsules)
+        self._first_capsule.extend(np.array([len(self._capsules.array)]))
+        for column, values in zip((self._centers, self._inner, self._outer), balls, strict=True):
+            column.extend(values)
+        self._stamps.extend(np.array([stamp_ns]))
+        self._positions.extend(position)
+        self._quaternions.extend(quaternion)
+        self._no_radius.extend(np.zeros(1))
+        self._qualities.extend(np.array([quality]))
+        self._best = max(self._best, quality)
+        self._refresh()
 
-    def search(self, query: BestGraspQuery, metric: PoseMetric) -> Found:
-        """Find the best grasps that are free of occlusions and, if asked, mutually diverse."""
-        sorted_qualities = self._qualities[self._order]
-        eligible = int(np.searchsorted(-sorted_qualities, -query.min_quality, side="right"))
-        blocked = np.zeros(len(query.occlusions), dtype=np.int64)
-        taken: list[int] = []
-        begin, step = 0, FIRST_BLOCK
-        while begin < eligible:
-            rows = self._order[begin : min(begin + step, eligible)]
-            blocking = first_blocking(query.occlusions, self._positions[rows])
-            last = self._take(rows, blocking == NOT_BLOCKED, taken, query, metric)
-            seen = blocking[:last]
-            np.add.at(blocked, seen[seen != NOT_BLOCKED], 1)
-            begin += last
-            if len(taken) == query.max_grasps:
-                break
-            step *= 2
-        return Found(tuple(int(self._stamps[row]) for row in taken), begin, blocked)
+    def _refresh(self) -> None:
+        for rule, covering in self._coverings.items():
+            covering.refresh(self._grasps(rule))
 
-    def _take(
-        self,
-        rows: IntArray,
-        is_free: np.ndarray,
-        taken: list[int],
-        query: BestGraspQuery,
-        metric: PoseMetric,
-    ) -> int:
-        """Extend ``taken`` from sorted rows; return how many rows were looked at."""
-        is_open = is_free.copy()
-        if query.min_diversity > 0.0:
-            for row in taken:
-                is_open &= self._is_diverse(row, rows, query.min_diversity, metric)
-        offset = 0
-        while len(taken) < query.max_grasps:
-            candidates = np.flatnonzero(is_open[offset:])
-            if not len(candidates):
-                return len(rows)
-            offset += int(candidates[0]) + 1
-            taken.append(int(rows[offset - 1]))
-            if query.min_diversity > 0.0:
-                is_open &= self._is_diverse(taken[-1], rows, query.min_diversity, metric)
-        return offset
-
-    def _is_diverse(
-        self, row: int, rows: IntArray, min_diversity: float, metric: PoseMetric
-    ) -> np.ndarray:
-        pose = Pose(self._positions[row], self._quaternions[row])
-        distances: FloatArray = metric.to_many(
-            pose, self._positions[rows], self._quaternions[rows]
+    def _grasps(self, rule: BlockingRule) -> Grasps:
+        by_hand = rule is BlockingRule.HAND
+        return Grasps(
+            self._stamps.array,
+            self._qualities.array,
+            self._positions.array,
+            self._quaternions.array,
+            self._centers.array if by_hand else self._positions.array,
+            self._inner.array if by_hand else self._no_radius.array,
+            self._outer.array if by_hand else self._no_radius.array,
+            self._first_capsule.array,
+            self._capsules.array,
         )
-        return distances >= min_diversity
+
+    def search(self, query: BestGraspQuery, metric: PoseMetric, approach_axis: FloatArray) -> Found:
+        """Find the best grasps that are free of occlusions and, if asked, mutually diverse.
+
+        Args:
+            query: what is wanted.
+            metric: distance between grasps.
+            approach_axis: unit direction of the approach in the TCP's frame, shape (3,).
+
+        Raises:
+            InvalidQueryError: the hand's volume is asked for but not known.
+        """
+        if query.rule not in self._coverings:
+            raise InvalidQueryError(
+                "the rule 'hand' needs the volume of the hand: open the archive with hand_volume"
+            )
+        covering, grasps = self._coverings[query.rule], self._grasps(query.rule)
+        by_hand = query.rule is BlockingRule.HAND
+        wanted = Wanted(
+            max(1, min(query.max_grasps, len(self))),
+            query.min_quality,
+            query.min_diversity,
+            metric.rotation_weight,
+            by_hand,
+            -query.approach_length * approach_axis if by_hand else np.zeros(3),
+        )
+        rows, considered, blocked = search(
+            covering.tree, covering.bounds, grasps, covering.size, make_scene(query.occlusions), wanted
+        )
+        return Found(tuple(grasps.stamps[rows].tolist()), int(considered), blocked)
+
+    def close(self) -> None:
+        """Let the workers end."""
+        for covering in self._coverings.values():
+            covering.close()

@@ -1,21 +1,28 @@
-"""Regions in which no grasp may be used now.
-
-Under the thesis's rule (section 7.4.3) a grasp is blocked when its TCP lies inside a region.
-"""
+"""Regions in which no grasp may be used now."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from mebo_grasp.errors import InvalidOcclusionError
 from mebo_grasp.grasp import FloatArray, Pose
-from mebo_grasp.solutions.shapes import BoolArray, Box, Cone, Cylinder, Shape, Sphere
+from mebo_grasp.solutions.bounding_tree import LEAF, BoundingTree
+from mebo_grasp.solutions.shapes import (
+    BoolArray,
+    Box,
+    Cone,
+    Cylinder,
+    Shape,
+    Sphere,
+    TriangleMesh,
+)
+from mebo_grasp.solutions.signed_distance import Scene, distances_to
 
-__all__ = ["Box", "Cone", "Cylinder", "Occlusion", "Shape", "Sphere", "first_blocking"]
-
-NOT_BLOCKED = -1
+__all__ = ["Box", "Cone", "Cylinder", "Occlusion", "Shape", "Sphere", "TriangleMesh", "make_scene"]
 
 
 @dataclass(frozen=True)
@@ -24,54 +31,79 @@ class Occlusion:
 
     Args:
         id: name, unique within a query; not empty.
-        shape: box, sphere, cylinder or cone, in its own frame.
+        shape: box, sphere, cylinder, cone or triangle mesh, in its own frame.
         T_object_shape: pose of the shape in the object's frame.
+        margin: by which the shape is thickened all around, metres.
 
     Raises:
-        InvalidOcclusionError: the name is empty.
+        InvalidOcclusionError: the name is empty, or the margin is negative or not finite.
     """
 
     id: str
     shape: Shape
     T_object_shape: Pose
+    margin: float = 0.0
 
     def __post_init__(self) -> None:
         if not self.id:
             raise InvalidOcclusionError("an occlusion needs a name that is not empty")
+        if not math.isfinite(self.margin) or self.margin < 0.0:
+            raise InvalidOcclusionError(
+                f"occlusion '{self.id}': margin must be finite and at least 0 m, got {self.margin}"
+            )
+
+    @cached_property
+    def _scene(self) -> Scene:
+        return make_scene((self,))
+
+    def signed_distance(self, points: FloatArray) -> FloatArray:
+        """Return the distances from points to the thickened shape, negative inside.
+
+        Args:
+            points: of the object's frame, shape (n, 3), metres.
+
+        Returns:
+            Shape (n,), metres. Inside, with a margin, an upper bound of the true value.
+        """
+        rows = np.ascontiguousarray(points, dtype=np.float64)
+        distances: FloatArray = distances_to(self._scene, 0, rows)
+        return distances
 
     def contains(self, points: FloatArray) -> BoolArray:
         """Return which points of the object's frame, shape (n, 3), metres, lie inside, shape (n,)."""
-        local = (points - self.T_object_shape.position) @ self.T_object_shape.matrix[:3, :3]
-        return self.shape.contains(local)
+        inside: BoolArray = self.signed_distance(points) <= 0.0
+        return inside
 
 
-def require_unique_ids(occlusions: tuple[Occlusion, ...]) -> None:
-    """Refuse two occlusions of one name.
+def make_scene(occlusions: tuple[Occlusion, ...]) -> Scene:
+    """Gather occlusions into the arrays that the compiled searches read."""
+    s = len(occlusions)
+    meshes = np.zeros((s, 2), dtype=np.int64)
+    triangles: list[FloatArray] = [np.empty((0, 3, 3))]
+    trees: list[BoundingTree] = []
+    first_triangle = first_node = 0
+    for i, occlusion in enumerate(occlusions):
+        if isinstance(occlusion.shape, TriangleMesh):
+            tree, corners = occlusion.shape.tree
+            meshes[i] = first_triangle, first_node
+            trees.append(tree._replace(left=np.where(tree.left == LEAF, LEAF, tree.left + first_node)))
+            triangles.append(corners)
+            first_triangle += len(corners)
+            first_node += len(tree.left)
+    return Scene(
+        kinds=np.array([o.shape.kind for o in occlusions], dtype=np.int64),
+        sizes=np.array([o.shape.sizes for o in occlusions], dtype=np.float64).reshape(s, 3),
+        rotations=np.array([o.T_object_shape.matrix[:3, :3] for o in occlusions]).reshape(s, 3, 3),
+        origins=np.array([o.T_object_shape.position for o in occlusions]).reshape(s, 3),
+        margins=np.array([o.margin for o in occlusions], dtype=np.float64),
+        meshes=meshes,
+        triangles=np.concatenate(triangles),
+        tree=_join(trees),
+    )
 
-    Raises:
-        InvalidOcclusionError: a name occurs twice.
-    """
-    ids = [occlusion.id for occlusion in occlusions]
-    repeated = sorted({name for name in ids if ids.count(name) > 1})
-    if repeated:
-        raise InvalidOcclusionError(
-            f"occlusion names must be unique, these occur more than once: {', '.join(repeated)}"
-        )
 
-
-def first_blocking(occlusions: tuple[Occlusion, ...], tcp_positions: FloatArray) -> np.ndarray:
-    """Return for each TCP the index of the first occlusion that contains it, or ``NOT_BLOCKED``.
-
-    Args:
-        occlusions: regions in the object's frame.
-        tcp_positions: shape (n, 3), metres, object frame.
-
-    Returns:
-        Shape (n,), integers.
-    """
-    blocking = np.full(len(tcp_positions), NOT_BLOCKED, dtype=np.int64)
-    for index, occlusion in enumerate(occlusions):
-        still_free = np.flatnonzero(blocking == NOT_BLOCKED)
-        inside = occlusion.contains(tcp_positions[still_free])
-        blocking[still_free[inside]] = index
-    return blocking
+def _join(trees: list[BoundingTree]) -> BoundingTree:
+    if not trees:
+        none, nowhere = np.empty(0, dtype=np.int64), np.empty((0, 3))
+        return BoundingTree(none, none, none, none, nowhere, nowhere)
+    return BoundingTree(*(np.concatenate(parts) for parts in zip(*trees, strict=True)))

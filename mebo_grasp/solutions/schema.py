@@ -28,7 +28,10 @@ CREATE TABLE trial_detail (
 ) WITHOUT ROWID;
 """
 
-MIGRATIONS: tuple[str, ...] = (_VERSION_1,)
+# The capsules of the hand in its final posture, as HandVolume.packed() gives them.
+_VERSION_2 = "ALTER TABLE trial ADD COLUMN hand_volume BLOB"
+
+MIGRATIONS: tuple[str, ...] = (_VERSION_1, _VERSION_2)
 """``MIGRATIONS[v]`` leads from version v to v + 1; version 0 is an empty database."""
 
 

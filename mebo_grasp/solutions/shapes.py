@@ -6,24 +6,24 @@ The conventions are those of ``shape_msgs/SolidPrimitive``. The boundary belongs
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from mebo_grasp.errors import InvalidOcclusionError
 from mebo_grasp.grasp import FloatArray
+from mebo_grasp.solutions.bounding_tree import BoundingTree, build_tree
+from mebo_grasp.solutions.diversity import IntArray
+from mebo_grasp.solutions.signed_distance import BOX, CONE, CYLINDER, MESH, SPHERE
 
-BoolArray = npt.NDArray[np.bool_]
+MESH_LEAF_SIZE = 4
+LARGEST_MESH = 1_000_000
+"""Faces that a mesh may have; simplify larger ones."""
 
-
-class Shape(Protocol):
-    """What an occluding shape can tell about points in its own frame."""
-
-    def contains(self, points: FloatArray) -> BoolArray:
-        """Return which of the points, shape (n, 3), metres, lie inside or on the boundary, shape (n,)."""
-        ...
+Sizes = tuple[float, float, float]
 
 
 def _require_positive(shape: str, **lengths: float) -> None:
@@ -45,6 +45,7 @@ class Box:
         InvalidOcclusionError: there are not three lengths, or one is not finite and positive.
     """
 
+    kind: ClassVar[int] = BOX
     size: tuple[float, float, float]
 
     def __post_init__(self) -> None:
@@ -54,10 +55,11 @@ class Box:
         _require_positive("box", x=x, y=y, z=z)
         object.__setattr__(self, "size", (x, y, z))
 
-    def contains(self, points: FloatArray) -> BoolArray:
-        """Return which of the points, shape (n, 3), lie inside, shape (n,)."""
-        inside: BoolArray = np.all(np.abs(points) <= np.array(self.size) / 2.0, axis=1)
-        return inside
+    @property
+    def sizes(self) -> Sizes:
+        """Half edges."""
+        x, y, z = self.size
+        return (x / 2.0, y / 2.0, z / 2.0)
 
 
 @dataclass(frozen=True)
@@ -71,15 +73,16 @@ class Sphere:
         InvalidOcclusionError: the radius is not finite and positive.
     """
 
+    kind: ClassVar[int] = SPHERE
     radius: float
 
     def __post_init__(self) -> None:
         _require_positive("sphere", radius=self.radius)
 
-    def contains(self, points: FloatArray) -> BoolArray:
-        """Return which of the points, shape (n, 3), lie inside, shape (n,)."""
-        inside: BoolArray = np.linalg.norm(points, axis=1) <= self.radius
-        return inside
+    @property
+    def sizes(self) -> Sizes:
+        """The radius."""
+        return (self.radius, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -94,18 +97,17 @@ class Cylinder:
         InvalidOcclusionError: a length is not finite and positive.
     """
 
+    kind: ClassVar[int] = CYLINDER
     height: float
     radius: float
 
     def __post_init__(self) -> None:
         _require_positive("cylinder", height=self.height, radius=self.radius)
 
-    def contains(self, points: FloatArray) -> BoolArray:
-        """Return which of the points, shape (n, 3), lie inside, shape (n,)."""
-        inside: BoolArray = (np.abs(points[:, 2]) <= self.height / 2.0) & (
-            np.hypot(points[:, 0], points[:, 1]) <= self.radius
-        )
-        return inside
+    @property
+    def sizes(self) -> Sizes:
+        """Half height and radius."""
+        return (self.height / 2.0, self.radius, 0.0)
 
 
 @dataclass(frozen=True)
@@ -120,17 +122,76 @@ class Cone:
         InvalidOcclusionError: a length is not finite and positive.
     """
 
+    kind: ClassVar[int] = CONE
     height: float
     radius: float
 
     def __post_init__(self) -> None:
         _require_positive("cone", height=self.height, radius=self.radius)
 
-    def contains(self, points: FloatArray) -> BoolArray:
-        """Return which of the points, shape (n, 3), lie inside, shape (n,)."""
-        z = points[:, 2]
-        radius_there = self.radius * (0.5 - z / self.height)
-        inside: BoolArray = (np.abs(z) <= self.height / 2.0) & (
-            np.hypot(points[:, 0], points[:, 1]) <= radius_there
-        )
-        return inside
+    @property
+    def sizes(self) -> Sizes:
+        """Half height and radius of the base."""
+        return (self.height / 2.0, self.radius, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class TriangleMesh:
+    """A surface of triangles; a closed one blocks what lies inside as well, an open one its surface only.
+
+    Args:
+        vertices: shape (v, 3), metres.
+        faces: rows of vertices, shape (f, 3).
+
+    Raises:
+        InvalidOcclusionError: there is no face, a number is not finite, a face names a vertex that is not
+            there, or there are more than ``LARGEST_MESH`` faces.
+    """
+
+    kind: ClassVar[int] = MESH
+    vertices: FloatArray
+    faces: IntArray = field(repr=False)
+
+    def __post_init__(self) -> None:
+        vertices = np.array(self.vertices, dtype=np.float64)
+        faces = np.array(self.faces, dtype=np.int64)
+        if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.all(np.isfinite(vertices)):
+            raise InvalidOcclusionError("mesh: vertices must be finite and of shape (v, 3)")
+        if faces.ndim != 2 or faces.shape[1] != 3 or not 1 <= len(faces) <= LARGEST_MESH:
+            raise InvalidOcclusionError(
+                f"mesh: faces must have shape (f, 3) with f from 1 to {LARGEST_MESH}, got {faces.shape}"
+            )
+        if faces.min() < 0 or faces.max() >= len(vertices):
+            raise InvalidOcclusionError(
+                f"mesh: faces name vertices {faces.min()} to {faces.max()}, there are {len(vertices)}"
+            )
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "faces", faces)
+
+    @property
+    def sizes(self) -> Sizes:
+        """1 for a closed mesh, 0 for an open one."""
+        return (float(self.is_closed), 0.0, 0.0)
+
+    @cached_property
+    def is_closed(self) -> bool:
+        """Whether every edge belongs to two faces that run along it in opposite directions."""
+        # Vertices at the same place are one: meshes from files repeat them face by face.
+        _, same = np.unique(self.vertices, axis=0, return_inverse=True)
+        corners = same.reshape(-1)[self.faces]
+        edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+        forward = np.unique(edges, axis=0)
+        backward = np.unique(edges[:, ::-1], axis=0)
+        return len(forward) == len(edges) and np.array_equal(forward, backward)
+
+    @cached_property
+    def tree(self) -> tuple[BoundingTree, FloatArray]:
+        """A tree over the faces, and their corners in its order, shape (f, 3, 3)."""
+        corners = self.vertices[self.faces]
+        tree = build_tree(corners.min(axis=1), corners.max(axis=1), MESH_LEAF_SIZE)
+        return tree, corners[tree.order]
+
+
+Shape = Box | Sphere | Cylinder | Cone | TriangleMesh
+
+BoolArray = npt.NDArray[np.bool_]

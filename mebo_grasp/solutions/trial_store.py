@@ -11,7 +11,7 @@ import json
 import math
 import sqlite3
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +30,7 @@ from mebo_grasp.grasp import (
     StampedGrasp,
 )
 from mebo_grasp.solutions.diversity import IntArray
+from mebo_grasp.solutions.hand_volume import PackedVolume
 from mebo_grasp.solutions.schema import prepare_schema
 from mebo_grasp.solutions.writer_lock import WriterLock
 
@@ -37,6 +38,7 @@ SQLITE_MAGIC = b"SQLite format 3\x00"
 IN_MEMORY = ":memory:"
 LARGEST_STAMP_NS = 2**63 - 1
 FETCHED_ROWS = 20_000
+CAPSULE_BYTES = 14
 NOT_STORED = -1
 """Key of an object or session that no row names yet."""
 
@@ -49,7 +51,7 @@ _DETAIL_COLUMNS = (
 
 
 @dataclass(frozen=True)
-class StoredPoses:
+class StoredGrasps:
     """What the queries need of all stored grasps with a quality above zero, in the order of their stamps.
 
     Args:
@@ -57,12 +59,19 @@ class StoredPoses:
         qualities: shape (n,).
         positions: of the TCP in the object's frame, shape (n, 3), metres.
         quaternions: xyzw, shape (n, 4).
+        first_capsule: capsules of grasp i are the rows ``first_capsule[i]`` to ``first_capsule[i + 1]``,
+            shape (n + 1,).
+        capsules: in the TCP's frame, as ``HandVolume.packed`` gives them, shape (c, 7).
+        has_volumes: whether the hand's volume was asked for.
     """
 
     stamps_ns: IntArray
     qualities: FloatArray
     positions: FloatArray
     quaternions: FloatArray
+    first_capsule: IntArray
+    capsules: PackedVolume
+    has_volumes: bool
 
 
 @contextmanager
@@ -175,8 +184,12 @@ class TrialStore:
                     self._connection.execute("ROLLBACK")
                 raise
 
-    def insert(self, stamped: StampedGrasp) -> bool:
+    def insert(self, stamped: StampedGrasp, volume: PackedVolume | None = None) -> bool:
         """Write a trial and commit it; return False when its stamp is stored already.
+
+        Args:
+            stamped: the trial.
+            volume: capsules of the hand, if known.
 
         Raises:
             ArchiveError: the trial cannot be written; nothing of it is stored then.
@@ -190,16 +203,23 @@ class TrialStore:
             with self._transaction("write to") as connection:
                 if session == NOT_STORED:
                     self._begin_session(connection)
-                return self._insert(connection, stamped)
+                return self._insert(connection, stamped, volume)
         except BaseException:
             self._session, self._object_key = session, object_key
             raise
 
-    def _insert(self, connection: sqlite3.Connection, stamped: StampedGrasp) -> bool:
+    def _insert(
+        self, connection: sqlite3.Connection, stamped: StampedGrasp, volume: PackedVolume | None
+    ) -> bool:
         cursor = connection.execute(
-            f"INSERT OR IGNORE INTO trial (object, session, {_TRIAL_COLUMNS}) "
-            "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-            (self._object_key, self._session, *_trial_values(stamped)),
+            f"INSERT OR IGNORE INTO trial (object, session, hand_volume, {_TRIAL_COLUMNS}) "
+            "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+            (
+                self._object_key,
+                self._session,
+                None if volume is None else _to_bytes(volume),
+                *_trial_values(stamped),
+            ),
         )
         if cursor.rowcount == 0:
             return False
@@ -218,26 +238,67 @@ class TrialStore:
             ).fetchone()
         return int(count)
 
-    def load_poses(self) -> StoredPoses:
+    def load(self, with_volumes: bool) -> StoredGrasps:
         """Read what the queries need of every grasp with a quality above zero, ordered by stamp.
+
+        Args:
+            with_volumes: read the volumes of the hand as well.
 
         Raises:
             ArchiveError: the database is damaged.
         """
         stamps: list[IntArray] = [np.empty(0, dtype=np.int64)]
         numbers: list[FloatArray] = [np.empty((0, 8))]
+        counts: list[IntArray] = [np.zeros(1, dtype=np.int64)]
+        volumes: list[bytes] = []
+        volume = "hand_volume" if with_volumes else "NULL"
         with _as_archive_errors(self.path, "read"):
             cursor = self._connection.execute(
-                "SELECT stamp_ns, quality, px, py, pz, qx, qy, qz, qw FROM trial "
+                f"SELECT quality, px, py, pz, qx, qy, qz, qw, stamp_ns, {volume} FROM trial "
                 "WHERE object = ? AND quality > 0 ORDER BY stamp_ns",
                 (self._object_key,),
             )
             while rows := cursor.fetchmany(FETCHED_ROWS):
                 # Stamps do not fit into a double, hence the two arrays.
-                stamps.append(np.array([row[0] for row in rows], dtype=np.int64))
-                numbers.append(np.array([row[1:] for row in rows], dtype=np.float64))
+                stamps.append(np.array([row[8] for row in rows], dtype=np.int64))
+                numbers.append(np.array([row[:8] for row in rows], dtype=np.float64))
+                blobs = [row[9] or b"" for row in rows]
+                counts.append(np.array([len(blob) for blob in blobs]) // CAPSULE_BYTES)
+                volumes.append(b"".join(blobs))
         table = np.concatenate(numbers)
-        return StoredPoses(np.concatenate(stamps), table[:, 0], table[:, 1:4], table[:, 4:8])
+        return StoredGrasps(
+            stamps_ns=np.concatenate(stamps),
+            qualities=table[:, 0],
+            positions=table[:, 1:4],
+            quaternions=table[:, 4:8],
+            first_capsule=np.cumsum(np.concatenate(counts)),
+            capsules=np.frombuffer(b"".join(volumes), dtype="<i2").reshape(-1, 7).astype(np.int16),
+            has_volumes=with_volumes,
+        )
+
+    def stamps_without_volume(self) -> list[int]:
+        """Return the stamps of the grasps with a quality above zero whose hand volume is not stored."""
+        with _as_archive_errors(self.path, "read"):
+            rows = self._connection.execute(
+                "SELECT stamp_ns FROM trial WHERE object = ? AND quality > 0 AND hand_volume IS NULL",
+                (self._object_key,),
+            ).fetchall()
+        return [int(stamp) for (stamp,) in rows]
+
+    def store_volumes(self, volumes: Iterable[tuple[int, PackedVolume]]) -> None:
+        """Add the hand's volume to trials that are stored, all in one transaction.
+
+        Args:
+            volumes: stamps and capsules.
+
+        Raises:
+            ArchiveError: they cannot be written; none of them is stored then.
+        """
+        with self._transaction("write to") as connection:
+            connection.executemany(
+                "UPDATE trial SET hand_volume = ? WHERE object = ? AND stamp_ns = ?",
+                ((_to_bytes(capsules), self._object_key, stamp) for stamp, capsules in volumes),
+            )
 
     def read(self, stamp_ns: int) -> StampedGrasp:
         """Read one trial whole.
@@ -321,6 +382,10 @@ def _detail_values(grasp: Grasp) -> tuple[float | str | bytes, ...]:
         np.array(grasp.hand_posture.positions, dtype="<f8").tobytes(),
         json.dumps([contact.link for contact in grasp.contacts]), vectors.tobytes(),
     )
+
+
+def _to_bytes(volume: PackedVolume) -> bytes:
+    return volume.astype("<i2").tobytes()
 
 
 def _or_nan(value: float | None) -> float:

@@ -1,0 +1,334 @@
+"""The best grasps that nothing blocks, out of a million, by looking at the most promising first.
+
+A ``BoundingTree`` over one point of each hand carries for every node the best quality in it. Nodes are
+taken from a heap, best first. A node that lies in an occlusion as a whole is rejected as a whole; an
+occlusion out of reach of a node is not asked again below it. What comes out of the heap as a single
+grasp is better than all that is left, so that the search ends with the last grasp wanted.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit, uint64
+
+from mebo_grasp.grasp import FloatArray
+from mebo_grasp.solutions.blocking import hand_meets
+from mebo_grasp.solutions.bounding_tree import LEAF, BoundingTree
+from mebo_grasp.solutions.diversity import IntArray
+from mebo_grasp.solutions.hand_volume import PackedVolume
+from mebo_grasp.solutions.signed_distance import Scene, distance_to
+
+NODE, GRASP = 0, 1
+"""What stands on the heap; of equal qualities the nodes come first, as they may hold earlier stamps."""
+FREE = -1
+UNDECIDED = -2
+NOTHING = -1
+MASKED_SHAPES = 63
+"""Occlusions that a node can rule out for all below it; any further ones are asked at every grasp."""
+
+
+# Quality (negative: the least comes first), NODE or GRASP, stamp, node or row, occlusions still to be asked.
+HeapItem = tuple[Any, ...]
+Taken = list[int]
+# The heap; blocked grasps and blocked nodes, each with one occlusion that blocks it.
+Progress = tuple[list[HeapItem], list[tuple[Any, Any]], list[tuple[Any, Any]]]
+
+
+class Grasps(NamedTuple):
+    """n grasps with a quality above zero, as columns.
+
+    Args:
+        stamps: shape (n,), nanoseconds.
+        qualities: shape (n,).
+        positions: of the TCP in the object's frame, shape (n, 3), metres.
+        quaternions: xyzw, shape (n, 4).
+        points: one point of each hand, by which the tree orders them, shape (n, 3), metres.
+        inner: radius about that point within which all is hand, shape (n,); 0 under the TCP rule.
+        outer: radius about that point outside of which is no hand, shape (n,); 0 under the TCP rule.
+        first_capsule: capsules of grasp i are the rows ``first_capsule[i]`` to ``first_capsule[i + 1]``,
+            shape (n + 1,).
+        capsules: in the TCP's frame, shape (c, 7).
+    """
+
+    stamps: IntArray
+    qualities: FloatArray
+    positions: FloatArray
+    quaternions: FloatArray
+    points: FloatArray
+    inner: FloatArray
+    outer: FloatArray
+    first_capsule: IntArray
+    capsules: PackedVolume
+
+
+class NodeBounds(NamedTuple):
+    """Least and greatest values over the grasps of each of k nodes, each of shape (k,)."""
+
+    best: FloatArray
+    worst: FloatArray
+    inner: FloatArray
+    outer: FloatArray
+
+
+class Wanted(NamedTuple):
+    """A question to the index.
+
+    Args:
+        number: how many grasps at most, at least 1.
+        min_quality: least quality.
+        min_distance: least mutual distance, metres.
+        rotation_weight: of the distance between poses, metres a radian.
+        by_hand: whether the hand's volume counts instead of the TCP.
+        approach: where the approach begins, in the TCP's frame, shape (3,), metres; zero for none.
+    """
+
+    number: int
+    min_quality: float
+    min_distance: float
+    rotation_weight: float
+    by_hand: bool
+    approach: FloatArray
+
+
+@njit(cache=True, nogil=True)
+def node_bounds(tree: BoundingTree, grasps: Grasps) -> NodeBounds:
+    """Gather what holds for all grasps of each node."""
+    k = len(tree.left)
+    best, worst = np.empty(k), np.empty(k)
+    inner, outer = np.empty(k), np.empty(k)
+    for node in range(k - 1, -1, -1):  # children stand behind their parent
+        left = tree.left[node]
+        if left != LEAF:
+            best[node] = max(best[left], best[left + 1])
+            worst[node] = min(worst[left], worst[left + 1])
+            inner[node] = min(inner[left], inner[left + 1])
+            outer[node] = max(outer[left], outer[left + 1])
+            continue
+        best[node], worst[node], inner[node], outer[node] = -np.inf, np.inf, np.inf, -np.inf
+        for row in tree.order[tree.begin[node] : tree.end[node]]:
+            best[node] = max(best[node], grasps.qualities[row])
+            worst[node] = min(worst[node], grasps.qualities[row])
+            inner[node] = min(inner[node], grasps.inner[row])
+            outer[node] = max(outer[node], grasps.outer[row])
+    return NodeBounds(best, worst, inner, outer)
+
+
+@njit(cache=True, nogil=True)
+def _pose_distance(grasps: Grasps, a: int, b: int, rotation_weight: float) -> float:
+    squared = 0.0
+    for axis in range(3):
+        squared += (grasps.positions[a, axis] - grasps.positions[b, axis]) ** 2
+    if rotation_weight > 0.0:
+        minus = plus = 0.0
+        for axis in range(4):
+            minus += (grasps.quaternions[a, axis] - grasps.quaternions[b, axis]) ** 2
+            plus += (grasps.quaternions[a, axis] + grasps.quaternions[b, axis]) ** 2
+        angle = 4.0 * math.atan2(math.sqrt(min(minus, plus)), math.sqrt(max(minus, plus)))
+        squared += (rotation_weight * angle) ** 2
+    return math.sqrt(squared)
+
+
+@njit(cache=True, nogil=True)
+def _is_diverse(grasps: Grasps, row: int, taken: Taken, wanted: Wanted) -> bool:
+    if wanted.min_distance <= 0.0:
+        return True
+    for other in taken:
+        if _pose_distance(grasps, row, other, wanted.rotation_weight) < wanted.min_distance:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _length(v: FloatArray) -> float:
+    return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
+@njit(cache=True, nogil=True)
+def _is_masked_out(mask: int, shape: int) -> bool:
+    return shape < MASKED_SHAPES and (mask >> uint64(shape)) & uint64(1) == uint64(0)
+
+
+@njit(cache=True, nogil=True)
+def _look_at_point(scene: Scene, grasps: Grasps, row: int, mask: int, reach: float) -> tuple[int, int]:
+    """Return the blocking shape, FREE or UNDECIDED, and the shapes that remain to be asked."""
+    x, y, z = grasps.points[row, 0], grasps.points[row, 1], grasps.points[row, 2]
+    inner, outer = grasps.inner[row], grasps.outer[row] + reach
+    rest, verdict = uint64(0), FREE
+    for shape in range(len(scene.kinds)):
+        if _is_masked_out(mask, shape):
+            continue
+        distance = distance_to(scene, shape, x, y, z)
+        if distance <= inner:
+            return shape, uint64(0)
+        if distance <= outer and outer > 0.0:
+            verdict = UNDECIDED
+            if shape < MASKED_SHAPES:
+                rest |= uint64(1) << uint64(shape)
+    return verdict, rest
+
+
+@njit(cache=True, nogil=True)
+def _ask_hand(scene: Scene, grasps: Grasps, row: int, mask: int, wanted: Wanted) -> int:
+    capsules = grasps.capsules[grasps.first_capsule[row] : grasps.first_capsule[row + 1]]
+    for shape in range(len(scene.kinds)):
+        if _is_masked_out(mask, shape):
+            continue
+        if hand_meets(
+            scene, shape, grasps.positions[row], grasps.quaternions[row], capsules, wanted.approach
+        ):
+            return shape
+    return FREE
+
+
+@njit(cache=True, nogil=True)
+def _look_at_node(
+    scene: Scene, tree: BoundingTree, bounds: NodeBounds, node: int, mask: int, reach: float
+) -> tuple[int, int]:
+    """Return a shape that blocks all of the node, or FREE, and the shapes that may block some of it."""
+    x = 0.5 * (tree.low[node, 0] + tree.high[node, 0])
+    y = 0.5 * (tree.low[node, 1] + tree.high[node, 1])
+    z = 0.5 * (tree.low[node, 2] + tree.high[node, 2])
+    half = 0.0
+    for axis in range(3):
+        half += (0.5 * (tree.high[node, axis] - tree.low[node, axis])) ** 2
+    half = math.sqrt(half) * (1.0 + 1e-12)
+    inner, outer = bounds.inner[node] - half, bounds.outer[node] + reach + half
+    for shape in range(min(len(scene.kinds), MASKED_SHAPES)):
+        if _is_masked_out(mask, shape):
+            continue
+        distance = distance_to(scene, shape, x, y, z)
+        if distance <= inner:
+            return shape, uint64(0)
+        if distance > outer:
+            mask &= ~(uint64(1) << uint64(shape))
+    return FREE, mask
+
+
+@njit(cache=True, nogil=True)
+def _open_grasp(
+    scene: Scene, grasps: Grasps, row: int, mask: int, wanted: Wanted, taken: Taken, progress: Progress
+) -> None:
+    """Reject a grasp, or put it on the heap."""
+    if grasps.qualities[row] < wanted.min_quality:
+        return
+    heap, blocked_grasps, _ = progress
+    verdict, rest = _look_at_point(scene, grasps, row, mask, _length(wanted.approach))
+    if verdict >= 0:
+        blocked_grasps.append((np.int64(row), np.int64(verdict)))
+        return
+    if verdict == UNDECIDED:
+        # Shapes beyond the mask are asked again whenever the mask is not empty.
+        rest |= uint64(1) << uint64(MASKED_SHAPES)
+    elif not _is_diverse(grasps, row, taken, wanted):
+        return
+    heapq.heappush(heap, (-grasps.qualities[row], GRASP, grasps.stamps[row], np.int64(row), rest))
+
+
+@njit(cache=True, nogil=True)
+def _open_node(
+    scene: Scene,
+    tree: BoundingTree,
+    bounds: NodeBounds,
+    grasps: Grasps,
+    node: int,
+    mask: int,
+    wanted: Wanted,
+    taken: Taken,
+    progress: Progress,
+) -> None:
+    """Reject a node as a whole, or put what is in it on the heap."""
+    heap, _, blocked_nodes = progress
+    shape, mask = _look_at_node(scene, tree, bounds, node, mask, _length(wanted.approach))
+    if shape != FREE:
+        blocked_nodes.append((np.int64(node), np.int64(shape)))
+    elif tree.left[node] != LEAF:
+        for child in range(tree.left[node], tree.left[node] + 2):
+            heapq.heappush(heap, (-bounds.best[child], NODE, np.int64(0), np.int64(child), mask))
+    else:
+        for row in tree.order[tree.begin[node] : tree.end[node]]:
+            _open_grasp(scene, grasps, row, mask, wanted, taken, progress)
+
+
+@njit(cache=True, nogil=True)
+def search(
+    tree: BoundingTree, bounds: NodeBounds, grasps: Grasps, covered: int, scene: Scene, wanted: Wanted
+) -> tuple[IntArray, int, IntArray]:
+    """Find the best grasps that are free and mutually diverse.
+
+    Args:
+        tree: over the first ``covered`` grasps.
+        bounds: of its nodes.
+        grasps: all of them; those behind ``covered`` are looked at one by one.
+        covered: how many grasps the tree knows.
+        scene: occlusions.
+        wanted: the question.
+
+    Returns:
+        Rows found, best first; number of grasps looked at; number blocked by each occlusion, shape (s,).
+    """
+    # Lists need a first element for the compiler to know their type.
+    every, zero = ~uint64(0), np.int64(0)
+    taken, progress = [zero], ([(0.0, NODE, zero, zero, every)], [(zero, zero)], [(zero, zero)])
+    heap, blocked_grasps, blocked_nodes = progress
+    taken.pop(), heap.pop(), blocked_grasps.pop(), blocked_nodes.pop()
+    for row in range(covered, len(grasps.qualities)):
+        _open_grasp(scene, grasps, row, every, wanted, taken, progress)
+    if covered > 0:
+        heapq.heappush(heap, (-bounds.best[0], NODE, zero, zero, every))
+    while len(heap) > 0 and len(taken) < wanted.number:
+        key, kind, _, item, mask = heapq.heappop(heap)
+        if -key < wanted.min_quality:
+            break
+        if kind == NODE:
+            _open_node(scene, tree, bounds, grasps, item, mask, wanted, taken, progress)
+            continue
+        shape = _ask_hand(scene, grasps, item, mask, wanted) if mask != uint64(0) else FREE
+        if shape != FREE:
+            blocked_grasps.append((item, np.int64(shape)))
+        elif _is_diverse(grasps, item, taken, wanted):
+            taken.append(item)
+    last = taken[-1] if len(taken) == wanted.number else NOTHING
+    considered, blocked = _count(tree, bounds, grasps, len(scene.kinds), wanted, last, progress)
+    return np.array(taken), considered, blocked
+
+
+@njit(cache=True, nogil=True)
+def _is_up_to(grasps: Grasps, row: int, last: int, min_quality: float) -> bool:
+    """Tell whether a grasp was looked at by a search that ended with the grasp ``last``."""
+    quality = grasps.qualities[row]
+    if last == NOTHING:
+        return bool(quality >= min_quality)
+    if quality != grasps.qualities[last]:
+        return bool(quality > grasps.qualities[last])
+    return bool(grasps.stamps[row] <= grasps.stamps[last])
+
+
+@njit(cache=True, nogil=True)
+def _count(
+    tree: BoundingTree,
+    bounds: NodeBounds,
+    grasps: Grasps,
+    shapes: int,
+    wanted: Wanted,
+    last: int,
+    progress: Progress,
+) -> tuple[int, IntArray]:
+    """Count the grasps that were looked at, and the blocked ones among them."""
+    _, blocked_grasps, blocked_nodes = progress
+    considered = 0
+    for row in range(len(grasps.qualities)):
+        considered += _is_up_to(grasps, row, last, wanted.min_quality)
+    blocked = np.zeros(shapes, np.int64)
+    for row, shape in blocked_grasps:
+        blocked[shape] += _is_up_to(grasps, row, last, wanted.min_quality)
+    for node, shape in blocked_nodes:
+        if last == NOTHING and bounds.worst[node] >= wanted.min_quality:
+            blocked[shape] += tree.end[node] - tree.begin[node]
+            continue
+        for row in tree.order[tree.begin[node] : tree.end[node]]:
+            blocked[shape] += _is_up_to(grasps, row, last, wanted.min_quality)
+    return considered, blocked
