@@ -122,6 +122,20 @@ def test_a_cut_log_continues_to_the_same_trace_without_evaluating_a_point_twice(
     assert len(set(counted.points)) == len(counted.points)
 
 
+@pytest.mark.parametrize("from_the_end", [1, 2, 3, 4, 5, 8])
+def test_open_trials_of_a_cut_log_are_evaluated_before_new_ones_are_asked(
+    tmp_path: Path, from_the_end: int
+) -> None:
+    # The last lines are ask, tell, tell, tell: each cut leaves another number of open trials.
+    run_job(MEBO, tmp_path)
+    before = _trace(MEBO, tmp_path)
+    path = MEBO.log_path(tmp_path)
+    path.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[:-from_the_end]))
+    assert run_job(MEBO, tmp_path)["evaluations"] == 16
+    for first, second in zip(before, _trace(MEBO, tmp_path), strict=True):
+        np.testing.assert_array_equal(first, second)
+
+
 @pytest.mark.parametrize("name", STUDY_NAMES)
 def test_the_acquisition_study_runs_and_continues_after_a_cut(tmp_path: Path, name: str) -> None:
     job = Job(name, "himmelblau", 1, **SMALL)
