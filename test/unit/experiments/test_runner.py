@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,12 +20,12 @@ from mebo_grasp.experiments import peers
 from mebo_grasp.experiments import run_job as run_job_module
 from mebo_grasp.experiments.acquisition_study import STUDY_NAMES
 from mebo_grasp.experiments.problems import Problem
-from mebo_grasp.experiments.protocol import Job, make_jobs
+from mebo_grasp.experiments.protocol import Job, make_jobs, make_problem
 from mebo_grasp.experiments.run_job import RunStopped, read_trace, run_job
 from mebo_grasp.experiments.runner import RESULTS_FILE, Progress, _sole_user, load_results, run_jobs
 from mebo_grasp.grasp import FloatArray
 
-SMALL = {"budget": 16, "n_initial": 7, "batch_size": 3}
+SMALL: dict[str, Any] = {"budget": 16, "n_initial": 7, "batch_size": 3}
 MEBO = Job("mebo", "himmelblau", 3, **SMALL)
 REPOSITORY = Path(__file__).resolve().parents[3]
 
@@ -34,7 +35,7 @@ class CountedEvaluations:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.points: list[tuple[float, ...]] = []
-        original = run_job_module.make_problem
+        original = make_problem
 
         def counted(job: Job) -> Problem:
             problem = original(job)
@@ -91,7 +92,7 @@ def test_a_run_uses_its_budget_and_its_log_holds_the_trace(tmp_path: Path) -> No
     result = run_job(MEBO, tmp_path)
     X, y, batches = read_trace(MEBO.log_path(tmp_path), 2)
     assert result["evaluations"] == len(X) == len(y) == 16
-    problem = run_job_module.make_problem(MEBO)
+    problem = make_problem(MEBO)
     np.testing.assert_array_equal(y, problem(X))
     assert batches == [[7, 8, 9], [10, 11, 12], [13, 14, 15]]
     expected = np.mean([np.var(X[batch], axis=0) for batch in batches], axis=0)
