@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any, Protocol
 
 import numpy as np
@@ -31,6 +32,7 @@ class MethodSettings:
         relearn_period: iterations from one learning of the hyperparameters to the next (thesis 7.2: 5).
         num_solutions: solutions wanted M, if known.
         min_distance: Euclidean distance tau at which two solutions count as different, real units.
+        threshold: least value of a good point, for methods that seek all points above one.
 
     Raises:
         InvalidSettingsError: a number is out of its range.
@@ -47,6 +49,7 @@ class MethodSettings:
     relearn_period: int = 5
     num_solutions: int | None = None
     min_distance: float | None = None
+    threshold: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("batch_size", "budget", "burn_in", "chains", "relearn_period"):
@@ -61,6 +64,8 @@ class MethodSettings:
                 raise InvalidSettingsError(f"{name} must be finite and at least 0, got {getattr(self, name)}")
         if self.num_solutions is not None and self.num_solutions < 1:
             raise InvalidSettingsError(f"num_solutions must be at least 1 or unset, got {self.num_solutions}")
+        if self.threshold is not None and not isfinite(self.threshold):
+            raise InvalidSettingsError(f"threshold must be finite or unset, got {self.threshold}")
         if self.min_distance is not None and not 0.0 < self.min_distance < float("inf"):
             raise InvalidSettingsError(
                 f"min_distance must be finite and above 0 or unset, got {self.min_distance}"

@@ -1,0 +1,79 @@
+"""Constraint active search: cover the region above a threshold (Malkomes et al. 2021)."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import ndtr
+
+from mebo_grasp.grasp import FloatArray
+from mebo_grasp.optimization.initial_design import sobol
+from mebo_grasp.optimization.methods.bo import SurrogateMethod
+from mebo_grasp.optimization.observations import Observations
+from mebo_grasp.optimization.selection.coverage import ball_offsets, expected_coverage_improvement
+from mebo_grasp.optimization.selection.solution_set import DEFAULT_SHARE
+from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
+
+DEFAULT_QUANTILE = 0.9
+"""Without a threshold in the settings, good means at least this quantile of the values so far."""
+
+N_POOL, N_CANDIDATES, N_OFFSETS, N_REFINED = 1024, 48, 64, 24
+
+
+class ConstraintActiveSearch(SurrogateMethod):
+    """Each point is the one with the greatest expected coverage improvement; pending points count as tried.
+
+    The radius is ``min_distance`` of the settings, or a tenth of the cube's diagonal.
+    """
+
+    name = "constraint_active_search"
+
+    def select(
+        self, posterior: GaussianProcess, observations: Observations, count: int, rng: np.random.Generator
+    ) -> FloatArray:
+        """Choose points one after the other, each counting as tried for the next, shape (count, d)."""
+        threshold = self.settings.threshold
+        if threshold is None:
+            threshold = float(np.quantile(observations.y, DEFAULT_QUANTILE))
+        if self.settings.min_distance is None:
+            scale, radius = np.ones(self.space.dim), DEFAULT_SHARE * float(np.sqrt(self.space.dim))
+        else:
+            scale, radius = self.space.upper - self.space.lower, self.settings.min_distance
+        tried = observations.taken
+        points = np.empty((0, posterior.dim))
+        for _ in range(count):
+            point = self._best(posterior, np.concatenate([tried, points]), threshold, scale, radius, rng)
+            points = np.concatenate([points, point[None]])
+        return points
+
+    @staticmethod
+    def _best(
+        posterior: GaussianProcess,
+        tried: FloatArray,
+        threshold: float,
+        scale: FloatArray,
+        radius: float,
+        rng: np.random.Generator,
+    ) -> FloatArray:
+        """Rank a pool by the chance of being good and uncovered, then the best by ECI, then around them."""
+        dim = posterior.dim
+        # Half of the pool lies about one radius from tried points, where the border of what is covered runs.
+        around = tried[rng.integers(0, len(tried), N_POOL // 2)]
+        steps = ball_offsets(N_POOL // 2, dim, rng) * (2.0 * radius / scale)
+        pool = np.concatenate([sobol(N_POOL // 2, dim, rng), np.clip(around + steps, 0.0, 1.0)])
+        mean, sd = posterior.predict(pool)
+        gaps = np.min(np.linalg.norm((pool[:, None] - tried[None]) * scale, axis=2), axis=1)
+        chance = ndtr((mean - threshold) / sd) * np.minimum(gaps / radius, 1.0)
+        candidates = pool[np.argsort(-chance, kind="stable")[:N_CANDIDATES]]
+        offsets = ball_offsets(N_OFFSETS, dim, rng)
+        for sd_step in (0.3, 0.1):
+            worth = expected_coverage_improvement(
+                posterior, candidates, offsets, tried, threshold, scale, radius
+            )
+            best = candidates[int(np.argmax(worth))]
+            moves = sd_step * (radius / scale) * rng.standard_normal((N_REFINED, dim))
+            candidates = np.concatenate([best[None], np.clip(best + moves, 0.0, 1.0)])
+        worth = expected_coverage_improvement(
+            posterior, candidates, offsets, tried, threshold, scale, radius
+        )
+        chosen: FloatArray = candidates[int(np.argmax(worth))]
+        return chosen
