@@ -6,17 +6,30 @@ from collections.abc import Callable
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.optimization.methods.base import Method, MethodSettings
+from mebo_grasp.optimization.methods.basin_search import BasinSearch
+from mebo_grasp.optimization.methods.bo import BoEi, BoPi, BoThompson, BoUcb
 from mebo_grasp.optimization.methods.cl_mebo import ClMebo
+from mebo_grasp.optimization.methods.constraint_active_search import ConstraintActiveSearch
 from mebo_grasp.optimization.methods.e_mebo import EMebo
+from mebo_grasp.optimization.methods.local_penalization import LocalPenalization
 from mebo_grasp.optimization.methods.mebo import Mebo
 from mebo_grasp.optimization.methods.random_search import RandomSearch
+from mebo_grasp.optimization.methods.robot import Robot
 from mebo_grasp.optimization.methods.sobol_search import SobolSearch
 from mebo_grasp.optimization.search_space import SearchSpace
 
 _METHODS: dict[str, Callable[[SearchSpace, MethodSettings], Method]] = {
+    BasinSearch.name: BasinSearch,
     Mebo.name: Mebo,
     EMebo.name: EMebo,
     ClMebo.name: ClMebo,
+    BoEi.name: BoEi,
+    BoPi.name: BoPi,
+    BoUcb.name: BoUcb,
+    BoThompson.name: BoThompson,
+    LocalPenalization.name: LocalPenalization,
+    Robot.name: Robot,
+    ConstraintActiveSearch.name: ConstraintActiveSearch,
     RandomSearch.name: RandomSearch,
     SobolSearch.name: SobolSearch,
 }
