@@ -248,6 +248,7 @@ def score_log(job: Job, path: Path) -> dict[str, Any]:
         "last_change": score.last_change,
         "curve": score.curve.tolist(),
         "text_count": text_count(problem, X, y),
+        "basins": {f"{a:g}": strict_count(problem, X, a) for a in STRICT_ACCURACIES},
         "competition": {f"{a:g}": competition_count(problem, X, y, a) for a in STRICT_ACCURACIES},
         "batch_variance": np.mean(variances, axis=0).tolist() if variances else None,
         "best_value": float(np.nanmax(y)) if np.any(np.isfinite(y)) else None,
