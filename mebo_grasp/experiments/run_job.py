@@ -34,6 +34,8 @@ from mebo_grasp.optimization.run_log import LoggedOptimizer, RunLog
 from mebo_grasp.optimization.search_space import SearchSpace
 
 StopCheck = Callable[[], bool]
+RESULT_FORMAT = 1
+"""Of a result's fields; results of another format are made again from the runs' logs."""
 _PACKAGES = ("mebo_grasp", "numpy", "scipy", "scikit-learn", "numba")
 
 
@@ -74,6 +76,7 @@ def run_job(job: Job, out: Path, stop: StopCheck = lambda: False) -> dict[str, A
     result = score_log(job, path)
     return {
         "kind": "result",
+        "format": RESULT_FORMAT,
         "key": job.key,
         "job": job.as_dict(),
         "versions": versions(job.method),

@@ -26,7 +26,7 @@ from typing import Any, TextIO
 
 from mebo_grasp.errors import InvalidSettingsError, MeboGraspError, RunLogError
 from mebo_grasp.experiments.protocol import Job
-from mebo_grasp.experiments.run_job import RunStopped, run_job
+from mebo_grasp.experiments.run_job import RESULT_FORMAT, RunStopped, run_job
 
 RESULTS_FILE = "results.jsonl"
 _LOCK_FILE = ".lock"
@@ -55,7 +55,9 @@ class Outcome:
 
 
 def load_results(out: Path) -> dict[str, Result]:
-    """Finished runs of an experiment's folder by the job's key; a torn last line is left out.
+    """Finished runs of an experiment's folder by the job's key.
+
+    A torn last line and results of another format are left out.
 
     Raises:
         RunLogError: a line before the last is not a result.
@@ -68,7 +70,8 @@ def load_results(out: Path) -> dict[str, Result]:
     for number, line in enumerate(lines[:-1], start=1):
         try:
             record = json.loads(line)
-            results[str(record["key"])] = record
+            if record["format"] == RESULT_FORMAT:
+                results[str(record["key"])] = record
         except (ValueError, KeyError, TypeError) as error:
             raise RunLogError(f"line {number} of {path} is not a result: {error!r}") from error
     return results

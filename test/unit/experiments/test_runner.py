@@ -232,6 +232,16 @@ def test_a_torn_result_is_written_again_from_the_runs_log(tmp_path: Path) -> Non
     assert len(load_results(tmp_path)) == 2
 
 
+def test_results_of_another_format_are_made_again_from_the_logs(tmp_path: Path) -> None:
+    job = Job("random", "himmelblau", 0, **SMALL)
+    first = run_jobs([job], tmp_path, progress=io.StringIO()).results[0]
+    path = tmp_path / RESULTS_FILE
+    path.write_text(json.dumps({"format": 0, "key": job.key}) + "\n")
+    again = run_jobs([job], tmp_path, progress=io.StringIO()).results[0]
+    assert again["resumed"]
+    assert again["found_values"] == first["found_values"]
+
+
 def test_results_that_are_none_are_refused(tmp_path: Path) -> None:
     (tmp_path / RESULTS_FILE).write_text("nonsense\n{}\n")
     with pytest.raises(RunLogError, match="line 1"):
