@@ -23,7 +23,9 @@ from mebo_grasp.nodes.processes import NodeGroup, NodeProcess
 from mebo_grasp.optimization.methods.registry import METHOD_NAMES
 from mebo_grasp.solutions.occlusion import Box, Occlusion
 
-START_TIMEOUT = 60.0
+START_TIMEOUT = 300.0
+"""Seconds until the nodes must be up; a first start compiles, on a busy machine for minutes."""
+
 SETTLE_TIMEOUT = 10.0
 FAR = 1.0
 """Half side, metres, of the occluding boxes of the demonstration: wide enough for every hand around."""
