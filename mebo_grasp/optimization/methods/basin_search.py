@@ -18,7 +18,10 @@ from scipy.special import log_ndtr
 
 from mebo_grasp.errors import RunLogError
 from mebo_grasp.grasp import FloatArray
-from mebo_grasp.optimization.acquisition.improvement import LogExpectedImprovement
+from mebo_grasp.optimization.acquisition.improvement import (
+    LogExpectedImprovement,
+    log_normalized_improvement,
+)
 from mebo_grasp.optimization.initial_design import sobol
 from mebo_grasp.optimization.methods.base import IndexArray, MethodSettings
 from mebo_grasp.optimization.methods.common import MethodBase, check_count, without_repeats
@@ -73,13 +76,9 @@ def level_of(posterior: GaussianProcess) -> Level:
 
 def scores(mean: FloatArray, sd: FloatArray, incumbents: FloatArray, level: Level) -> FloatArray:
     """Log of (expected improvement on the own incumbent × probability to reach the top), shape (m,)."""
-    improvement = np.array(
-        [
-            LogExpectedImprovement(float(own)).value(mean[i : i + 1], sd[i : i + 1])[0]
-            for i, own in enumerate(incumbents)
-        ]
-    )
-    return improvement + log_ndtr((mean - level.top) / sd)
+    improvement = np.log(sd) + log_normalized_improvement((mean - incumbents) / sd)
+    value: FloatArray = improvement + log_ndtr((mean - level.top) / sd)
+    return value
 
 
 class BasinSearch(MethodBase):
@@ -136,7 +135,7 @@ class BasinSearch(MethodBase):
         ]
         points = np.concatenate(ends)
         top_mean, top_sd = posterior.predict(points)
-        kept = basins.distinct(points, top_mean + top_sd, coordinates(points), basins.SAME_MAXIMUM)
+        kept = basins.distinct(top_mean + top_sd, coordinates(points), basins.SAME_MAXIMUM)
         return points[kept]
 
     def _pick(self, posterior: GaussianProcess, candidates: FloatArray, level: Level) -> FloatArray:
@@ -199,7 +198,7 @@ def expected(posterior: GaussianProcess) -> basins.ValueAndGradient:
 
 
 def refine(posterior: GaussianProcess, start: FloatArray, own: float, level: Level) -> FloatArray:
-    """Climb the score from ``start``, shape (d,), with its incumbent kept; return where it ends, shape (d,)."""
+    """Climb the score from ``start``, shape (d,), with its incumbent kept; return the end, shape (d,)."""
     improvement = LogExpectedImprovement(own)
 
     def objective(u: FloatArray) -> tuple[float, FloatArray]:

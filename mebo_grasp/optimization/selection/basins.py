@@ -40,7 +40,7 @@ def mapped(kernel: Kernel, theta: FloatArray, U: FloatArray) -> tuple[FloatArray
 
 
 def unmapped(kernel: Kernel, theta: FloatArray, V: FloatArray) -> FloatArray:
-    """Points whose image under all maps of a kernel is V, shape (m, d); those outside the cube are left out."""
+    """Points whose image under all maps of a kernel is V, shape (m, d); without those outside the cube."""
     maps = []
     while isinstance(kernel, MappedKernel):
         theta, phi = kernel.split(theta, V.shape[1])
@@ -133,7 +133,7 @@ def ascend(function: ValueAndGradient, starts: FloatArray, scales: FloatArray, s
     return points
 
 
-def distinct(points: FloatArray, values: FloatArray, coordinates: FloatArray, radius: float) -> IndexArray:
+def distinct(values: FloatArray, coordinates: FloatArray, radius: float) -> IndexArray:
     """Indices of points, best first, that keep ``radius`` from better ones in ``coordinates``."""
     order = np.argsort(-values, kind="stable")
     kept: list[int] = []

@@ -4,13 +4,13 @@ The family is {Matérn 5/2, squared exponential} × {coupled ARD, additive} × {
 two dimensions the additive ones also along turned axes. A member's worth is the Laplace approximation of
 its log evidence: the posterior density at its best hyperparameters, less half a nat for each e-fold by
 which the data narrow a parameter's variance. All members are learned when the number of values has grown
-by a fixed factor, so that over a run this costs in proportion to the number of values; in between only the
-chosen one and the runner-up are.
+by a fixed factor; members that have fallen far behind are only refreshed then, and in between only the chosen
+one is.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,6 @@ from scipy.optimize import minimize
 
 from mebo_grasp.errors import InvalidSettingsError, RunLogError
 from mebo_grasp.grasp import FloatArray
-from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.surrogate.additive import ADDITIVE_MATERN52, ADDITIVE_SQUARED_EXPONENTIAL
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess, Hyperparameters, standardize
 from mebo_grasp.optimization.surrogate.hyperparameters import log_posterior_and_gradient, subset
@@ -40,23 +39,25 @@ class StructureSettings:
         max_points_family: values used to compare the members.
         max_points: values used to learn the chosen member.
         scout_iterations: of L-BFGS-B from every start.
-        climb_iterations: of L-BFGS-B from the best starts.
+        climb_iterations: of L-BFGS-B from the best start.
         refresh_iterations: of L-BFGS-B when a member is learned again from where it was.
+        contention: members whose posterior density is this many nats behind the best are out of it.
 
     Raises:
-        InvalidSettingsError: growth is not above 1 or another number below 1.
+        InvalidSettingsError: growth is not above 1, contention negative or another number below 1.
     """
 
     growth: float = 1.25
-    max_points_family: int = 200
-    max_points: int = 500
-    scout_iterations: int = 6
-    climb_iterations: int = 60
-    refresh_iterations: int = 25
+    max_points_family: int = 160
+    max_points: int = 400
+    scout_iterations: int = 5
+    climb_iterations: int = 40
+    refresh_iterations: int = 10
+    contention: float = 15.0
 
     def __post_init__(self) -> None:
         others = (self.max_points_family, self.max_points, self.scout_iterations, self.climb_iterations)
-        if not self.growth > 1.0 or min(*others, self.refresh_iterations) < 1:
+        if not (self.growth > 1.0 and self.contention >= 0.0) or min(*others, self.refresh_iterations) < 1:
             raise InvalidSettingsError(f"need growth above 1 and all other numbers at least 1, got {self}")
 
 
@@ -67,12 +68,14 @@ class Member:
     Args:
         kernel: covariance function with its map.
         vector: hyperparameters (theta, log noise), shape (p + 1,).
-        evidence: Laplace approximation of the log evidence; -inf if never learned.
+        value: log posterior density there; -inf if never learned.
+        evidence: Laplace approximation of the log evidence; -inf if out of contention.
     """
 
     kernel: Kernel
     vector: FloatArray
-    evidence: float
+    value: float = -np.inf
+    evidence: float = -np.inf
 
 
 def family(dim: int) -> tuple[Kernel, ...]:
@@ -88,7 +91,7 @@ def family(dim: int) -> tuple[Kernel, ...]:
 
 
 def prior_of(kernel: Kernel, dim: int) -> LogNormalPrior:
-    """Prior of (theta, log noise): trials are near deterministic, but noise up to the signal's size may be learned."""
+    """Prior of (theta, log noise): trials are near deterministic, but any noise may be learned."""
     return kernel.prior(dim) + LogNormalPrior.repeated(1, 1e-6, 2.0, 1e-9, 1.0)
 
 
@@ -174,7 +177,7 @@ class StructuredSurrogate:
         self._dim = dim
         self._period = relearn_period
         self._settings = settings or StructureSettings()
-        self._members = [Member(kernel, prior_of(kernel, dim).mean, -np.inf) for kernel in family(dim)]
+        self._members = [Member(kernel, prior_of(kernel, dim).mean) for kernel in family(dim)]
         self._chosen = 0
         self._compared_at = 0
         self._since_learning: int | None = None
@@ -216,31 +219,44 @@ class StructuredSurrogate:
 
     def _compare(self, U: FloatArray, y: FloatArray, rng: np.random.Generator) -> None:
         data = self._data(U, y, self._settings.max_points_family, rng)
-        self._members = [self._learned(member, *data) for member in self._members]
-        self._choose()
+        first = not self._compared_at
+        scouted = [self._scouted(member, *data, cold=first) for member in self._members]
+        best = max(member.value for member in scouted)
+        self._members = [
+            self._learned(member, *data, cold=not first)
+            if member.value >= best - self._settings.contention
+            else replace(member, evidence=-np.inf)
+            for member in scouted
+        ]
+        self._chosen = int(np.argmax([member.evidence for member in self._members]))
         self._compared_at = len(y)
+        self._since_learning = 0
         if len(y) > self._settings.max_points_family:
             self._refresh(U, y, rng)
-        self._since_learning = 0
 
-    def _choose(self) -> None:
-        self._chosen = int(np.argmax([member.evidence for member in self._members]))
+    def _scouted(self, member: Member, U: FloatArray, z: FloatArray, cold: bool) -> Member:
+        """A few steps: from where the member was, or from all the starting points."""
+        iterations = self._settings.scout_iterations
+        if not cold:
+            return _climbed(member, U, z, self._settings.refresh_iterations)
+        scouts = [
+            _climbed(replace(member, vector=start), U, z, iterations)
+            for start in starts(member.kernel, self._dim)
+        ]
+        best = max(scouts, key=lambda scout: scout.value)
+        return _climbed(best, U, z, 3 * iterations)
 
-    def _learned(self, member: Member, U: FloatArray, z: FloatArray) -> Member:
-        kernel, settings = member.kernel, self._settings
-        scouts = [climb(kernel, U, z, start, settings.scout_iterations) for start in starts(kernel, self._dim)]
-        if np.isfinite(member.evidence):
-            scouts.append(climb(kernel, U, z, member.vector, settings.scout_iterations))
-        scouts.sort(key=lambda scout: -scout[1])
-        ends = [climb(kernel, U, z, scout[0], settings.climb_iterations) for scout in scouts[:2]]
-        vector, value = max(ends, key=lambda end: end[1])
-        return Member(kernel, vector, laplace_evidence(kernel, U, z, vector, value))
+    def _learned(self, member: Member, U: FloatArray, z: FloatArray, cold: bool) -> Member:
+        """Climb to the end and take the evidence; ``cold`` also looks for a better start."""
+        if cold:
+            member = max(member, self._scouted(member, U, z, cold=True), key=lambda scout: scout.value)
+        member = _climbed(member, U, z, self._settings.climb_iterations)
+        evidence = laplace_evidence(member.kernel, U, z, member.vector, member.value)
+        return replace(member, evidence=evidence)
 
     def _refresh(self, U: FloatArray, y: FloatArray, rng: np.random.Generator) -> None:
-        U, z = self._data(U, y, self._settings.max_points, rng)
-        member = self.chosen
-        vector, _ = climb(member.kernel, U, z, member.vector, self._settings.refresh_iterations)
-        self._members[self._chosen] = Member(member.kernel, vector, member.evidence)
+        data = self._data(U, y, self._settings.max_points, rng)
+        self._members[self._chosen] = _climbed(self.chosen, *data, self._settings.refresh_iterations)
         self._since_learning = 0
 
     def state(self) -> dict[str, Any]:
@@ -250,6 +266,7 @@ class StructuredSurrogate:
                 {
                     "kernel": member.kernel.name,
                     "vector": member.vector.tolist(),
+                    "value": member.value if np.isfinite(member.value) else None,
                     "evidence": member.evidence if np.isfinite(member.evidence) else None,
                 }
                 for member in self._members
@@ -284,5 +301,12 @@ def _restored(member: Member, record: dict[str, Any]) -> Member:
     vector = np.array(record["vector"], dtype=np.float64)
     if record["kernel"] != member.kernel.name or vector.shape != member.vector.shape:
         raise ValueError(f"expected {member.kernel.name}, got {record['kernel']!r}")
-    evidence = -np.inf if record["evidence"] is None else float(record["evidence"])
-    return Member(member.kernel, vector, evidence)
+    value, evidence = (
+        -np.inf if record[key] is None else float(record[key]) for key in ("value", "evidence")
+    )
+    return Member(member.kernel, vector, value, evidence)
+
+
+def _climbed(member: Member, U: FloatArray, z: FloatArray, iterations: int) -> Member:
+    vector, value = climb(member.kernel, U, z, member.vector, iterations)
+    return replace(member, vector=vector, value=value)
