@@ -23,8 +23,8 @@ CONTACT_ARROW_LENGTH = 0.02
 OBJECT_COLOR = ColorRGBA(r=0.75, g=0.75, b=0.78, a=0.6)
 CONTACT_COLOR = ColorRGBA(r=0.9, g=0.1, b=0.1, a=1.0)
 OCCLUSION_COLOR = ColorRGBA(r=0.9, g=0.1, b=0.1, a=0.25)
-ROUND_SECTIONS = 12
-"""Corners of the circles of which capsules and cones are drawn."""
+ROUND_SECTIONS = 24
+"""Corners of the circle of which a cone is drawn."""
 
 
 def object_markers(target: TargetObject) -> MarkerArray:
@@ -76,40 +76,48 @@ def _hand_markers(rank: int, grasp: Grasp, color: ColorRGBA, frame_id: str) -> l
     if hand is None:
         return [_tcp_marker(rank, grasp, color, frame_id)]
     posture = grasp.hand_posture if grasp.hand_posture.names else None
-    shapes = hand.link_geometry(posture)
-    return [
-        _mesh_marker(
-            frame_id,
-            f"hand {rank + 1}",
-            number,
-            _shape_mesh(shape),
-            grasp.T_object_tcp @ shape.T_tcp_shape,
-            color,
-        )
-        for number, shape in enumerate(shapes)
-    ]
+    namespace = f"hand {rank + 1}"
+    markers: list[Marker] = []
+    caps: dict[float, list[Point]] = {}
+    for shape in hand.link_geometry(posture):
+        pose = grasp.T_object_tcp @ shape.T_tcp_shape
+        markers.append(_shape_marker(frame_id, namespace, len(markers), shape, pose, color))
+        if shape.kind == "capsule":
+            radius, length = shape.dims
+            ends = pose.transform_points(np.array([[0.0, 0.0, -length / 2.0], [0.0, 0.0, length / 2.0]]))
+            caps.setdefault(radius, []).extend(_points(ends))
+    for radius, points in caps.items():
+        markers.append(_cap_marker(frame_id, namespace, len(markers), radius, points, color))
+    return markers
 
 
-def _shape_mesh(shape: PlacedShape) -> trimesh.Trimesh:
+def _shape_marker(
+    frame_id: str, namespace: str, number: int, shape: PlacedShape, pose: Pose, color: ColorRGBA
+) -> Marker:
+    """Return a primitive: RViz draws those itself, where a mesh of them would be sent corner by corner."""
     if shape.vertices is not None:
-        return trimesh.convex.convex_hull(shape.vertices)
-    return _primitive_mesh(shape.kind, shape.dims)
+        hull = trimesh.convex.convex_hull(shape.vertices)
+        return _mesh_marker(frame_id, namespace, number, hull, pose, color)
+    if shape.kind == "box":
+        kind, (x, y, z) = Marker.CUBE, shape.dims
+    elif shape.kind == "sphere":
+        kind, x = Marker.SPHERE, 2.0 * shape.dims[0]
+        y = z = x
+    else:
+        kind, x, z = Marker.CYLINDER, 2.0 * shape.dims[0], shape.dims[1]
+        y = x
+    marker = _marker(frame_id, namespace, number, kind, pose, color)
+    marker.scale = Vector3(x=x, y=y, z=z)
+    return marker
 
 
-@lru_cache(maxsize=256)
-def _primitive_mesh(kind: str, dims: tuple[float, ...]) -> trimesh.Trimesh:
-    if kind == "box":
-        return trimesh.creation.box(extents=dims)
-    if kind == "sphere":
-        return trimesh.creation.icosphere(subdivisions=1, radius=dims[0])
-    if kind == "cylinder":
-        return trimesh.creation.cylinder(radius=dims[0], height=dims[1], sections=ROUND_SECTIONS)
-    if kind == "cone":
-        return trimesh.creation.cone(radius=dims[0], height=dims[1], sections=2 * ROUND_SECTIONS)
-    capsule = trimesh.creation.capsule(radius=dims[0], height=dims[1], count=(ROUND_SECTIONS, 6))
-    # trimesh has the lower cap's centre in the origin in some versions; here it is the middle.
-    capsule.apply_translation([0.0, 0.0, -float(capsule.bounds[:, 2].mean())])
-    return capsule
+def _cap_marker(
+    frame_id: str, namespace: str, number: int, radius: float, points: list[Point], color: ColorRGBA
+) -> Marker:
+    marker = _marker(frame_id, namespace, number, Marker.SPHERE_LIST, Pose.identity(), color)
+    marker.scale = Vector3(x=2.0 * radius, y=2.0 * radius, z=2.0 * radius)
+    marker.points = points
+    return marker
 
 
 def _mesh_marker(
@@ -137,18 +145,23 @@ def _tcp_marker(rank: int, grasp: Grasp, color: ColorRGBA, frame_id: str) -> Mar
 
 def _occlusion_marker(number: int, occlusion: Occlusion, frame_id: str) -> Marker:
     shape, pose = occlusion.shape, occlusion.T_object_shape
-    if isinstance(shape, Box):
-        mesh = trimesh.creation.box(extents=shape.size)
-    elif isinstance(shape, Sphere):
-        mesh = trimesh.creation.icosphere(subdivisions=2, radius=shape.radius)
-    elif isinstance(shape, Cylinder):
-        mesh = _primitive_mesh("cylinder", (shape.radius, shape.height))
-    else:
-        assert isinstance(shape, Cone)
-        mesh = _primitive_mesh("cone", (shape.radius, shape.height)).copy()
+    if isinstance(shape, Cone):
+        cone = trimesh.creation.cone(radius=shape.radius, height=shape.height, sections=ROUND_SECTIONS)
         # The cone's frame lies at mid-height, trimesh's at the base.
-        mesh.apply_translation([0.0, 0.0, -shape.height / 2.0])
-    return _mesh_marker(frame_id, "occlusions", number, mesh, pose, OCCLUSION_COLOR)
+        cone.apply_translation([0.0, 0.0, -shape.height / 2.0])
+        return _mesh_marker(frame_id, "occlusions", number, cone, pose, OCCLUSION_COLOR)
+    if isinstance(shape, Box):
+        kind, (x, y, z) = Marker.CUBE, shape.size
+    elif isinstance(shape, Sphere):
+        kind, x = Marker.SPHERE, 2.0 * shape.radius
+        y = z = x
+    else:
+        assert isinstance(shape, Cylinder)
+        kind, x, z = Marker.CYLINDER, 2.0 * shape.radius, shape.height
+        y = x
+    marker = _marker(frame_id, "occlusions", number, kind, pose, OCCLUSION_COLOR)
+    marker.scale = Vector3(x=float(x), y=float(y), z=float(z))
+    return marker
 
 
 def _clear(frame_id: str) -> Marker:

@@ -171,7 +171,7 @@ class OptimizerNode(Node):
         self._publish_status()
 
     def _ask_if_needed(self) -> None:
-        if self._asking or self._progress.finished or not self._ready_hands:
+        if self._asking or self._progress.exhausted or not self._ready_hands:
             return
         # One hand waits for its whole batch, as in the thesis; more hands than open trials never idle.
         if self._dispatcher.open_count == 0 or self._dispatcher.open_count < len(self._ready_hands):

@@ -18,11 +18,21 @@ from mebo_grasp.optimization.run_log import LoggedOptimizer
 
 @dataclass(frozen=True)
 class Progress:
-    """Where the optimization stands after a command."""
+    """Where the optimization stands after a command.
+
+    Args:
+        told: trials told, failed ones included.
+        failed: of these, failed.
+        finished: whether the budget is used up and nothing is open.
+        exhausted: whether nothing is left to ask for.
+        best_quality: None before the first value.
+        phase: what the method is doing.
+    """
 
     told: int
     failed: int
     finished: bool
+    exhausted: bool
     best_quality: float | None
     phase: str
 
@@ -119,6 +129,7 @@ class OptimizerWorker:
             told=optimizer.n_told + optimizer.n_failed,
             failed=optimizer.n_failed,
             finished=optimizer.finished,
+            exhausted=optimizer.n_asked >= optimizer.settings.budget,
             best_quality=None if incumbent is None else float(incumbent.value),
             phase=optimizer.phase,
         )

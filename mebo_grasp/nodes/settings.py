@@ -99,5 +99,8 @@ class SolutionSetNodeSettings:
         0.05, "metres that one radian of rotation counts in the distance of two grasps", least=0.0
     )
     publish_rate: float = parameter(
-        10.0, "most updates of solution_set and markers per second [Hz]", least=0.1, most=1000.0
+        10.0, "most updates of solution_set per second [Hz]", least=0.1, most=1000.0
+    )
+    marker_rate: float = parameter(
+        2.0, "most updates of solution_markers per second [Hz]", least=0.1, most=100.0
     )

@@ -16,6 +16,7 @@ from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
 from mebo_grasp.errors import MeboGraspError, WrongFrameError
+from mebo_grasp.grasp import Grasp
 from mebo_grasp.nodes import markers, qos
 from mebo_grasp.nodes.parameters import declare
 from mebo_grasp.nodes.runtime import guarded, guarded_service, run_node
@@ -50,8 +51,9 @@ class SolutionSetNode(Node):
         self._settings = declare(self, SolutionSetNodeSettings)
         self._object_id = Path(self._settings.object).stem
         self._occlusions: tuple[Occlusion, ...] = ()
-        self._set_changed = True
+        self._set_changed = self._markers_changed = True
         self._published_best: int | None = None
+        self._shown: list[Grasp] = []
         self._open_archive()
         self._advertise()
         self._publish_best()
@@ -78,6 +80,7 @@ class SolutionSetNode(Node):
         self.create_subscription(OcclusionArray, "occlusions", self._on_occlusions, qos.LATCHED)
         self.create_subscription(GraspQuality, "grasp_quality", self._on_quality, qos.QUALITIES)
         self.create_timer(1.0 / self._settings.publish_rate, self._on_publish_timer)
+        self.create_timer(1.0 / self._settings.marker_rate, self._on_marker_timer)
 
     @guarded
     def _on_quality(self, message: GraspQuality) -> None:
@@ -158,6 +161,14 @@ class SolutionSetNode(Node):
         if self._set_changed:
             self._publish_set()
 
+    @guarded
+    def _on_marker_timer(self) -> None:
+        # Markers are large and for the eye: they come less often than the set itself.
+        if self._markers_changed:
+            self._markers_changed = False
+            array = markers.solution_markers(self._shown, self._occlusions, self._object_id)
+            self._marker_publisher.publish(array)
+
     def _publish_best(self) -> None:
         answer = self._archive.best(BestGraspQuery(occlusions=self._occlusions))
         best = answer.grasps[0] if answer.grasps else None
@@ -179,8 +190,8 @@ class SolutionSetNode(Node):
             self._settings.size, self._settings.min_distance, self._occlusions
         )
         self._set_publisher.publish(self._to_message(solutions))
-        shown = [stamped.grasp for stamped in solutions.grasps]
-        self._marker_publisher.publish(markers.solution_markers(shown, self._occlusions, self._object_id))
+        self._shown = [stamped.grasp for stamped in solutions.grasps]
+        self._markers_changed = True
 
     def _to_message(self, solutions: SolutionSet) -> SolutionSetMsg:
         message = to_solution_set_msg(solutions, self._now_ns())
