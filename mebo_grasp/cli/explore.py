@@ -23,6 +23,8 @@ from mebo_grasp.nodes.processes import NodeGroup, NodeProcess
 from mebo_grasp.optimization.methods.registry import METHOD_NAMES
 from mebo_grasp.solutions.occlusion import Box, Occlusion
 
+NODES = ("solution_set_node", "hand_node", "optimizer_node")
+
 START_TIMEOUT = 300.0
 """Seconds until the nodes must be up; a first start compiles, on a busy machine for minutes."""
 
@@ -42,7 +44,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser.add_argument("--object", default="bottle", help="built-in name or mesh file (default: bottle)")
     parser.add_argument("--scale", type=float, default=1.0, help="factor from the mesh's unit to metres")
     parser.add_argument("--hand", default="icub_left", help="built-in name or hand description")
-    parser.add_argument("--method", default="mebo", choices=METHOD_NAMES, help="optimization method")
+    parser.add_argument("--method", default="mebo", help=f"one of {', '.join(METHOD_NAMES)} (default: mebo)")
     parser.add_argument("--space", default="position", choices=sorted(SPACES), help="search space")
     parser.add_argument("--budget", type=int, default=250, help="number of trials (default: 250)")
     parser.add_argument("--initial", type=int, default=25, help="of these, initial design (default: 25)")
@@ -58,8 +60,7 @@ def run(options: argparse.Namespace) -> int:
     """Explore, report and draw; returns the exit code."""
     target = TargetObject.load(options.object, options.scale)
     hand = HandModel.load(options.hand)
-    if options.budget < 1:
-        raise InvalidSettingsError(f"--budget must be at least 1, got {options.budget}")
+    _check(options)
     if Path(options.object).is_file():
         # The nodes and a later `show` may run elsewhere.
         options.object = str(Path(options.object).resolve())
@@ -81,13 +82,22 @@ def run(options: argparse.Namespace) -> int:
     return 130 if interrupted else 0
 
 
+def _check(options: argparse.Namespace) -> None:
+    """Refuse what the nodes would refuse, before they are started and a folder is made."""
+    if options.budget < 1:
+        raise InvalidSettingsError(f"--budget must be at least 1, got {options.budget}")
+    if options.method not in METHOD_NAMES:
+        raise InvalidSettingsError(f"--method is '{options.method}', known are {', '.join(METHOD_NAMES)}")
+
+
 def _prepare_directory(options: argparse.Namespace, object_id: str) -> Path:
     directory: Path = options.out or Path("out") / f"{object_id}-{time.strftime('%Y%m%d-%H%M%S')}"
     if directory.exists() and not directory.is_dir():
         raise InvalidSettingsError(f"--out {directory} is a file; name a folder")
     directory.mkdir(parents=True, exist_ok=True)
     if options.restart:
-        for name in (DATABASE, f"{DATABASE}-wal", f"{DATABASE}-shm", RUN_LOG, PICTURE):
+        names = [DATABASE, f"{DATABASE}-wal", f"{DATABASE}-shm", RUN_LOG, PICTURE]
+        for name in (*names, *(f"{node}.log" for node in NODES)):
             (directory / name).unlink(missing_ok=True)
     return directory
 
@@ -110,12 +120,8 @@ def _start_nodes(nodes: NodeGroup, options: argparse.Namespace, directory: Path,
         "size": options.size,
         "min_distance": options.min_distance,
     }
-    parameters = {
-        "solution_set_node": archive,
-        "hand_node": target | hand,
-        "optimizer_node": target | hand | optimizer,
-    }
-    for name, values in parameters.items():
+    parameters = (archive, target | hand, target | hand | optimizer)
+    for name, values in zip(NODES, parameters, strict=True):
         nodes.start(NodeProcess(name, values, directory, domain_id))
 
 

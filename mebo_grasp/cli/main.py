@@ -1,4 +1,4 @@
-"""The ``mebo-grasp`` command: explores an object, shows and measures what was found.
+"""The ``mebo-grasp`` command: explores an object, shows what was found, runs experiments.
 
 Exit codes: 0 done, 1 something failed, 2 the command line or a setting is wrong, 130 stopped by Ctrl-C.
 """
@@ -10,12 +10,14 @@ import sys
 from collections.abc import Sequence
 
 from mebo_grasp import __version__
-from mebo_grasp.cli import explore, show
+from mebo_grasp.cli import experiment, explore, show
 from mebo_grasp.errors import MeboGraspError
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2
 EXIT_INTERRUPTED = 130
+
+COMMANDS = (explore, show, experiment)
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -26,7 +28,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"mebo_grasp {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for module in (explore, show):
+    for module in COMMANDS:
         module.add_parser(commands)
     return parser
 
