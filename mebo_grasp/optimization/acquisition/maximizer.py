@@ -53,10 +53,10 @@ class MaximizerSettings:
         InvalidSettingsError: a number is negative, or nothing is evaluated.
     """
 
-    direct_evaluations: int = 100
+    direct_evaluations: int = 50
     net_evaluations: int = 256
-    refinements: int = 4
-    max_iterations: int = 50
+    refinements: int = 2
+    max_iterations: int = 30
 
     def __post_init__(self) -> None:
         numbers = (self.direct_evaluations, self.net_evaluations, self.refinements, self.max_iterations)

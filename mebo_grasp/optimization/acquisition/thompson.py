@@ -8,7 +8,7 @@ from mebo_grasp.optimization.acquisition.maximizer import NumericGradient
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
 
 
-def thompson(posterior: GaussianProcess, rng: np.random.Generator, n_features: int = 1024) -> NumericGradient:
+def thompson(posterior: GaussianProcess, rng: np.random.Generator, n_features: int = 512) -> NumericGradient:
     """Draw one function by spectral sampling and return it as a worth to be maximized.
 
     Args:

@@ -20,6 +20,10 @@ DEFAULT_NUM_SOLUTIONS = 4
 """Number of solutions M when none is given (thesis 7.4 for bottle and vase)."""
 
 
+N_FEATURES = 256
+"""Spectral features of a draw; its values at the observations are exact whatever their number."""
+
+
 class Robot(SurrogateMethod):
     """M trust regions; the i-th seeks the best point that is different from those of ranks above it.
 
@@ -111,7 +115,7 @@ class Robot(SurrogateMethod):
         scale, distance = self._metric()
         gaps = np.linalg.norm((candidates[:, None] - centres[None, :rank]) * scale, axis=2)
         feasible = np.all(gaps >= distance, axis=1)
-        values = posterior.sample_path(rng)(candidates)
+        values = posterior.sample_path(rng, N_FEATURES)(candidates)
         if np.any(feasible):
             values = np.where(feasible, values, -np.inf)
         chosen: FloatArray = candidates[int(np.argmax(values))]

@@ -32,24 +32,26 @@ class LearningSettings:
     """How the hyperparameters are sought.
 
     Args:
-        n_starts: starting points besides the current hyperparameters; the first of them is the prior's
-            median, the others are drawn from the prior.
+        n_starts: starting points of the first learning: the prior's median, then draws from the prior.
+        n_restarts: starting points besides the current hyperparameters in later learnings, chosen alike.
         max_iterations: of L-BFGS-B from each start.
         max_points: above this number of observations a subset is used (the best tenth and a random rest),
             which keeps the cost of learning constant as n grows.
 
     Raises:
-        InvalidSettingsError: a number is below 1 (``n_starts`` below 0).
+        InvalidSettingsError: a number is below 1 (``n_restarts`` below 0).
     """
 
-    n_starts: int = 2
+    n_starts: int = 3
+    n_restarts: int = 1
     max_iterations: int = 40
     max_points: int = 600
 
     def __post_init__(self) -> None:
-        if self.n_starts < 0 or self.max_iterations < 1 or self.max_points < 2:
+        if min(self.n_starts, self.max_iterations) < 1 or self.n_restarts < 0 or self.max_points < 2:
             raise InvalidSettingsError(
-                f"need n_starts >= 0, max_iterations >= 1 and max_points >= 2, got {self}"
+                "need n_starts and max_iterations >= 1, n_restarts >= 0 and max_points >= 2, "
+                f"got {self}"
             )
 
 
@@ -118,10 +120,10 @@ def _starts(
     settings: LearningSettings,
 ) -> list[FloatArray]:
     starts = [] if current is None else [current.vector]
-    if settings.n_starts or not starts:
+    fresh = settings.n_starts if current is None else settings.n_restarts
+    if fresh:
         starts.append(prior.mean)
-    draws = rng.standard_normal((max(0, settings.n_starts - 1), len(prior.mean)))
-    starts.extend(prior.mean + prior.sd * draws)
+    starts.extend(prior.mean + prior.sd * rng.standard_normal((max(0, fresh - 1), len(prior.mean))))
     return [np.clip(start, prior.lower, prior.upper) for start in starts]
 
 
