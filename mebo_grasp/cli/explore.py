@@ -143,6 +143,8 @@ def _follow(nodes: NodeGroup, client: ExplorationClient) -> bool:
     except KeyboardInterrupt:
         line.end()
         print("stopping; what was found is kept")
+        if client.standing is not None and client.standing.exploring:
+            client.pause()
         return False
     line.end()
     return True

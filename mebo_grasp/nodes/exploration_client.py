@@ -12,6 +12,7 @@ from mebo_grasp_interfaces.srv import GetBestGrasp, GetSolutionSet
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from std_srvs.srv import Trigger
 
 from mebo_grasp.errors import MeboGraspError
 from mebo_grasp.grasp import StampedGrasp
@@ -30,6 +31,8 @@ class Standing:
         budget: trials in all.
         best_quality: NaN before the first value.
         seconds_per_trial: mean of late; 0 when unknown.
+        pending: candidates without an answer.
+        exploring: whether new candidates are sent.
         finished: whether the budget is spent.
         note: what a person should know, empty for nothing.
     """
@@ -38,6 +41,8 @@ class Standing:
     budget: int
     best_quality: float
     seconds_per_trial: float
+    pending: int
+    exploring: bool
     finished: bool
     note: str
 
@@ -84,6 +89,7 @@ class ExplorationClient:
         self._node.create_subscription(ExplorationStatus, "exploration_status", self._on_status, qos.LATCHED)
         self._best = self._node.create_client(GetBestGrasp, "get_best_grasp")
         self._set = self._node.create_client(GetSolutionSet, "get_solution_set")
+        self._pause = self._node.create_client(Trigger, "optimizer_node/pause")
 
     def __enter__(self) -> ExplorationClient:
         return self
@@ -99,6 +105,8 @@ class ExplorationClient:
             budget=status.budget,
             best_quality=status.best_quality,
             seconds_per_trial=status.seconds_per_trial,
+            pending=status.pending,
+            exploring=status.state == ExplorationStatus.EXPLORING,
             finished=status.state == ExplorationStatus.FINISHED,
             note=status.message,
         )
@@ -124,6 +132,18 @@ class ExplorationClient:
     def services_ready(self) -> bool:
         """Whether both services can be called now."""
         return bool(self._best.service_is_ready() and self._set.service_is_ready())
+
+    def pause(self, timeout: float = 10.0) -> None:
+        """Let no new candidate be sent, and wait for the answers to those that are out.
+
+        Raises:
+            MeboGraspError: the optimizer or a hand did not answer in time.
+        """
+        self._call(self._pause, Trigger.Request(), timeout)
+        self.wait_until(self._is_quiet, timeout, "the answers to the last candidates")
+
+    def _is_quiet(self) -> bool:
+        return self.standing is not None and not self.standing.exploring and self.standing.pending == 0
 
     def solution_set(self, timeout: float = 10.0) -> KeptSet:
         """Ask for the set of diverse grasps.
