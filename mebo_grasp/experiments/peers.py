@@ -2,7 +2,8 @@
 
 They are not dependencies: each is imported only when it is made, and ``installed_peers`` names those
 that can run here (extra ``[peers]``). All maximize over a box; every adapter works in the unit cube and
-maps at its edge. The initial design is each peer's own sampler's, or Latin hypercube where it has none.
+maps at its edge. The initial design is the peer's own where it brings one (scikit-optimize, Optuna), else
+that of our methods.
 """
 
 from __future__ import annotations
@@ -14,10 +15,10 @@ from importlib.util import find_spec
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.stats import qmc
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import FloatArray
+from mebo_grasp.optimization.initial_design import latin_hypercube
 
 
 def _load(name: str) -> Any:
@@ -67,8 +68,8 @@ class PeerTask:
         return np.asarray((X - self.lower) / (self.upper - self.lower))
 
     def initial_design(self) -> FloatArray:
-        """Latin hypercube in the unit cube, shape (n_initial, d)."""
-        return np.asarray(qmc.LatinHypercube(self.dim, rng=self.seed).random(self.n_initial))
+        """The design that our own methods begin a run of this seed with, unit cube, shape (n_initial, d)."""
+        return latin_hypercube(self.n_initial, self.dim, np.random.default_rng(self.seed))
 
 
 class SkoptPeer:

@@ -11,9 +11,10 @@ import pytest
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.experiments import cec2013_command, published
-from mebo_grasp.experiments.peers import PEER_NAMES, installed_peers, make_peer
+from mebo_grasp.experiments.peers import PEER_NAMES, PeerTask, installed_peers, make_peer
 from mebo_grasp.experiments.plots import padded_curves, plot_found_optima
 from mebo_grasp.experiments.protocol import Job, known_methods, make_problem, select_methods, settings_of
+from mebo_grasp.experiments.run_job import read_trace, run_job
 from mebo_grasp.experiments.tables import Table, all_tables
 
 
@@ -178,6 +179,15 @@ def test_absent_peers_are_refused_by_name() -> None:
     for name in set(PEER_NAMES) - set(installed_peers()):
         with pytest.raises(InvalidSettingsError, match="install the extra"):
             make_peer(name, np.zeros(1), np.ones(1), 5, 1, 0)
+
+
+def test_a_peer_without_a_design_of_its_own_begins_with_ours(tmp_path: Path) -> None:
+    job = Job("random", "himmelblau", 4, budget=20, n_initial=20)
+    run_job(job, tmp_path)
+    X = read_trace(job.log_path(tmp_path), 2)[0]
+    problem = make_problem(job)
+    task = PeerTask(problem.lower, problem.upper, 20, 3, 4)
+    np.testing.assert_allclose(task.to_box(task.initial_design()), X)
 
 
 @pytest.mark.parametrize("name", PEER_NAMES)
