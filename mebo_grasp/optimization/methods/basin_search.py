@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.special import log_ndtr
+from scipy.special import log_ndtr, logsumexp
 
 from mebo_grasp.errors import RunLogError
 from mebo_grasp.grasp import FloatArray
@@ -29,7 +29,7 @@ from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.search_space import SearchSpace
 from mebo_grasp.optimization.selection import basins
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
-from mebo_grasp.optimization.surrogate.structure import StructuredSurrogate
+from mebo_grasp.optimization.surrogate.structure import Mixture, StructuredSurrogate
 
 NET_SIZE = 2048
 LEVEL_NET_SIZE = 512
@@ -101,52 +101,22 @@ class BasinSearch(MethodBase):
         if observations.n == 0:
             self._phase = "no data"
             return rng.random((count, observations.dim))
-        posterior = self.surrogate.update(observations.U, observations.y, rng)
+        mixture = self.surrogate.update(observations.U, observations.y, rng)
         assumed = np.concatenate([observations.failed, observations.pending])
         if len(assumed):
-            posterior = posterior.condition_on(assumed, posterior.predict_mean(assumed))
-        points = self._select(posterior, count, rng)
+            mixture = mixture.condition_on(assumed)
+        points = self._select(mixture, count, rng)
         return without_repeats(points, observations, rng)
 
-    def _select(self, posterior: GaussianProcess, count: int, rng: np.random.Generator) -> FloatArray:
-        level = level_of(posterior)
-        candidates = self._candidates(posterior, rng)
+    def _select(self, mixture: Mixture, count: int, rng: np.random.Generator) -> FloatArray:
+        levels = [level_of(posterior) for posterior in mixture.posteriors]
+        candidates = np.concatenate([find_candidates(posterior, rng) for posterior in mixture.posteriors])
         picks: list[FloatArray] = []
         for _ in range(count):
-            pick = self._pick(posterior, candidates, level)
-            picks.append(pick)
-            posterior = posterior.condition_on(pick[None], posterior.predict_mean(pick[None]))
+            picks.append(pick(mixture, candidates, levels))
+            mixture = mixture.condition_on(picks[-1][None])
         self._phase = "basins"
         return np.stack(picks)
-
-    def _candidates(self, posterior: GaussianProcess, rng: np.random.Generator) -> FloatArray:
-        net = basins.search_net(posterior, NET_SIZE, rng)
-        coordinates = basins.Coordinates(posterior)
-        net = np.concatenate([net, posterior.U])
-        where = coordinates(net)
-        mean, sd = posterior.predict(net)
-        neighbours = 2 * posterior.dim + 2
-        scales = np.minimum(np.ptp(net, axis=0) / np.maximum(np.ptp(where, axis=0), 1e-9), 1.0)
-        hopeful = basins.neighbourhood_maxima(mean + sd, where, neighbours)[:MAX_CANDIDATES]
-        peaks = basins.neighbourhood_maxima(mean, where, neighbours)[:MAX_CANDIDATES]
-        ends = [
-            basins.ascend(optimistic(posterior), net[hopeful], scales, 10),
-            basins.ascend(expected(posterior), net[peaks], scales, 16),
-        ]
-        points = np.concatenate(ends)
-        top_mean, top_sd = posterior.predict(points)
-        kept = basins.distinct(top_mean + top_sd, coordinates(points), basins.SAME_MAXIMUM)
-        return points[kept]
-
-    def _pick(self, posterior: GaussianProcess, candidates: FloatArray, level: Level) -> FloatArray:
-        y = posterior.y
-        mean, sd = posterior.predict(candidates)
-        near = basins.basin_neighbours(posterior, candidates, posterior.U, NEIGHBOURS, level.slack)
-        own = np.max(np.where(near.shared, y[near.index], -np.inf), axis=1)
-        own = np.where(np.isfinite(own), own, np.min(y))
-        value = scores(mean, sd, own, level)
-        best = int(np.argmax(value))
-        return refine(posterior, candidates[best], float(own[best]), level)
 
     def solution_set(
         self, observations: Observations, size: int | None = None, min_distance: float | None = None
@@ -176,6 +146,56 @@ class BasinSearch(MethodBase):
         if not isinstance(surrogate, dict):
             raise RunLogError(f"the method's state needs the surrogate's, got {surrogate!r}")
         self.surrogate.restore(surrogate)
+
+
+def find_candidates(posterior: GaussianProcess, rng: np.random.Generator) -> FloatArray:
+    """Local maxima of mean plus standard deviation and of the mean, shape (m, d)."""
+    coordinates = basins.Coordinates(posterior)
+    net = np.concatenate([basins.search_net(posterior, NET_SIZE, rng), posterior.U])
+    where = coordinates(net)
+    mean, sd = posterior.predict(net)
+    neighbours = 2 * posterior.dim + 2
+    hopeful = basins.neighbourhood_maxima(mean + sd, where, neighbours)[:MAX_CANDIDATES]
+    peaks = basins.neighbourhood_maxima(mean, where, neighbours)[:MAX_CANDIDATES]
+    scales = np.minimum(np.ptp(net, axis=0) / np.maximum(np.ptp(where, axis=0), 1e-9), 1.0)
+    points = np.concatenate(
+        [
+            basins.ascend(optimistic(posterior), net[hopeful], scales, 10),
+            basins.ascend(expected(posterior), net[peaks], scales, 16),
+        ]
+    )
+    mean, sd = posterior.predict(points)
+    return points[basins.distinct(mean + sd, coordinates(points), basins.SAME_MAXIMUM)]
+
+
+def pick(mixture: Mixture, candidates: FloatArray, levels: list[Level]) -> FloatArray:
+    """The candidate with the highest expected score, refined; shape (d,)."""
+    own = np.stack(
+        [
+            local_incumbents(posterior, candidates, level)
+            for posterior, level in zip(mixture.posteriors, levels, strict=True)
+        ]
+    )
+    value = np.stack(
+        [
+            scores(*posterior.predict(candidates), incumbents, level)
+            for posterior, incumbents, level in zip(mixture.posteriors, own, levels, strict=True)
+        ]
+    )
+    # Scales differ little between members, all fit the same values, so their scores may be averaged.
+    value += np.log(mixture.shares)[:, None]
+    best = int(np.argmax(logsumexp(value, axis=0)))
+    # The member that expects most of this candidate places the point.
+    member = int(np.argmax(value[:, best]))
+    return refine(mixture.posteriors[member], candidates[best], float(own[member, best]), levels[member])
+
+
+def local_incumbents(posterior: GaussianProcess, candidates: FloatArray, level: Level) -> FloatArray:
+    """Best value observed in each candidate's basin, shape (m,); the lowest of all where there is none."""
+    y = posterior.y
+    near = basins.basin_neighbours(posterior, candidates, posterior.U, NEIGHBOURS, level.slack)
+    own = np.max(np.where(near.shared, y[near.index], -np.inf), axis=1)
+    return np.where(np.isfinite(own), own, np.min(y))
 
 
 def optimistic(posterior: GaussianProcess) -> basins.ValueAndGradient:

@@ -4,8 +4,8 @@ The family is {Matérn 5/2, squared exponential} × {coupled ARD, additive} × {
 two dimensions the additive ones also along turned axes. A member's worth is the Laplace approximation of
 its log evidence: the posterior density at its best hyperparameters, less half a nat for each e-fold by
 which the data narrow a parameter's variance. All members are learned when the number of values has grown
-by a fixed factor; members that have fallen far behind are only refreshed then, and in between only the chosen
-one is.
+by a fixed factor; members that have fallen far behind are only refreshed then, and in between only those that
+are believed. As long as the evidence does not decide, several are: each with its share of the evidence.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ from mebo_grasp.optimization.surrogate.warping import KumaraswamyWarp, MappedKer
 
 START_LENGTHSCALES = (0.08, 0.25, 0.8)
 """Where the searches start: a lengthscale of 0.08 follows a function with about six periods a side."""
+MAX_BELIEVED, SMALLEST_SHARE = 3, 0.05
+"""Members that are believed at once, and the share of the best one's evidence below which one is not."""
 START_ANGLES = tuple(np.linspace(0.0, np.pi / 2.0, 8, endpoint=False))
 _HESSIAN_STEP = 1e-3
 
@@ -78,6 +80,29 @@ class Member:
     evidence: float = -np.inf
 
 
+@dataclass(frozen=True, eq=False)
+class Mixture:
+    """Posteriors of the members that are believed, with their shares of the evidence.
+
+    Args:
+        posteriors: the most probable first, at least one.
+        shares: shape (len(posteriors),), sum 1.
+    """
+
+    posteriors: tuple[GaussianProcess, ...]
+    shares: FloatArray
+
+    @property
+    def best(self) -> GaussianProcess:
+        """The most probable one."""
+        return self.posteriors[0]
+
+    def condition_on(self, A: FloatArray) -> Mixture:
+        """Each with its own mean assumed at A, shape (m, d), for trials whose values are not known."""
+        assumed = [posterior.condition_on(A, posterior.predict_mean(A)) for posterior in self.posteriors]
+        return Mixture(tuple(assumed), self.shares)
+
+
 def family(dim: int) -> tuple[Kernel, ...]:
     """The kernels that are compared in ``dim`` dimensions, the plain ones first."""
     bases: list[Kernel] = [MATERN52, SQUARED_EXPONENTIAL]
@@ -95,20 +120,47 @@ def prior_of(kernel: Kernel, dim: int) -> LogNormalPrior:
     return kernel.prior(dim) + LogNormalPrior.repeated(1, 1e-6, 2.0, 1e-9, 1.0)
 
 
-def starts(kernel: Kernel, dim: int) -> list[FloatArray]:
-    """Starting points of a search without knowledge, each shape (p + 1,)."""
+def starts(kernel: Kernel, dim: int, known: dict[str, FloatArray]) -> list[FloatArray]:
+    """Starting points of a search, each shape (p + 1,).
+
+    Args:
+        kernel: whose hyperparameters are sought.
+        dim: number of dimensions.
+        known: hyperparameters of simpler members by name; a warp starts as the identity in front of what
+            its kernel has learned without it, so it never does worse.
+    """
+    simpler = known.get(_without_warp(kernel).name)
+    if simpler is not None:
+        return [_with_identity_warp(kernel, simpler, dim)]
     prior = prior_of(kernel, dim)
     root = 1.0 if "additive" in kernel.name else np.sqrt(dim)
-    turned = isinstance(kernel, MappedKernel) and isinstance(kernel.map, Turn)
     points = []
     for lengthscale in START_LENGTHSCALES:
-        for angle in START_ANGLES if turned else (None,):
+        for angle in START_ANGLES if _is_turned(kernel) else (None,):
             point = prior.mean.copy()
             point[:dim] = np.log(lengthscale * root)
             if angle is not None:
                 point[-2] = angle
             points.append(point)
     return points
+
+
+def _is_turned(kernel: Kernel) -> bool:
+    return isinstance(kernel, MappedKernel) and isinstance(kernel.map, Turn)
+
+
+def _without_warp(kernel: Kernel) -> Kernel:
+    if not isinstance(kernel, MappedKernel):
+        return kernel
+    if isinstance(kernel.map, KumaraswamyWarp):
+        return kernel.base
+    return MappedKernel(_without_warp(kernel.base), kernel.map)
+
+
+def _with_identity_warp(kernel: Kernel, simpler: FloatArray, dim: int) -> FloatArray:
+    # theta is (the innermost kernel's, the warp's, the angle if turned, log noise).
+    tail = 2 if _is_turned(kernel) else 1
+    return np.concatenate([simpler[:-tail], np.zeros(2 * dim), simpler[-tail:]])
 
 
 def climb(
@@ -178,14 +230,14 @@ class StructuredSurrogate:
         self._period = relearn_period
         self._settings = settings or StructureSettings()
         self._members = [Member(kernel, prior_of(kernel, dim).mean) for kernel in family(dim)]
-        self._chosen = 0
+        self._believed: tuple[int, ...] = (0,)
         self._compared_at = 0
         self._since_learning: int | None = None
 
     @property
     def chosen(self) -> Member:
-        """The member that is believed."""
-        return self._members[self._chosen]
+        """The most probable member."""
+        return self._members[self._believed[0]]
 
     @property
     def members(self) -> tuple[Member, ...]:
@@ -193,12 +245,11 @@ class StructuredSurrogate:
         return tuple(self._members)
 
     def posterior(self, U: FloatArray, y: FloatArray) -> GaussianProcess:
-        """Fit the chosen member to data without learning anything."""
-        member = self.chosen
-        return GaussianProcess.fit(U, y, Hyperparameters.from_vector(member.vector), member.kernel)
+        """Fit the most probable member to data without learning anything."""
+        return _fitted(self.chosen, U, y)
 
-    def update(self, U: FloatArray, y: FloatArray, rng: np.random.Generator) -> GaussianProcess:
-        """Return the posterior given all values; relearns when due. To be called once an iteration."""
+    def update(self, U: FloatArray, y: FloatArray, rng: np.random.Generator) -> Mixture:
+        """Return what is believed given all values; relearns when due. To be called once an iteration."""
         # Nothing can be learned from fewer than three values or from equal ones: the prior stays.
         if len(y) >= 3 and np.ptp(y) > 0.0:
             due = self._since_learning is None or self._since_learning >= self._period
@@ -208,7 +259,11 @@ class StructuredSurrogate:
                 self._refresh(U, y, rng)
         if self._since_learning is not None:
             self._since_learning += 1
-        return self.posterior(U, y)
+        members = [self._members[i] for i in self._believed]
+        shares = np.ones(1)
+        if len(members) > 1:
+            shares = np.exp([member.evidence - members[0].evidence for member in members])
+        return Mixture(tuple(_fitted(member, U, y) for member in members), shares / np.sum(shares))
 
     def _data(
         self, U: FloatArray, y: FloatArray, limit: int, rng: np.random.Generator
@@ -220,43 +275,61 @@ class StructuredSurrogate:
     def _compare(self, U: FloatArray, y: FloatArray, rng: np.random.Generator) -> None:
         data = self._data(U, y, self._settings.max_points_family, rng)
         first = not self._compared_at
-        scouted = [self._scouted(member, *data, cold=first) for member in self._members]
+        scouted: list[Member] = []
+        for member in self._members:
+            known = {other.kernel.name: other.vector for other in scouted}
+            scouted.append(self._scouted(member, *data, known, cold=first))
         best = max(member.value for member in scouted)
-        self._members = [
-            self._learned(member, *data, cold=not first)
-            if member.value >= best - self._settings.contention
-            else replace(member, evidence=-np.inf)
-            for member in scouted
-        ]
-        self._chosen = int(np.argmax([member.evidence for member in self._members]))
+        learned: list[Member] = []
+        for member in scouted:
+            known = {other.kernel.name: other.vector for other in learned}
+            hopeful = member.value >= best - self._settings.contention
+            learned.append(
+                self._learned(member, *data, known, cold=not first)
+                if hopeful
+                else replace(member, evidence=-np.inf)
+            )
+        self._members = learned
+        self._believed = self._most_probable()
         self._compared_at = len(y)
         self._since_learning = 0
         if len(y) > self._settings.max_points_family:
             self._refresh(U, y, rng)
 
-    def _scouted(self, member: Member, U: FloatArray, z: FloatArray, cold: bool) -> Member:
+    def _most_probable(self) -> tuple[int, ...]:
+        evidence = np.array([member.evidence for member in self._members])
+        order = np.argsort(-evidence, kind="stable")[:MAX_BELIEVED]
+        close = evidence[order] >= evidence[order[0]] + np.log(SMALLEST_SHARE)
+        return tuple(int(i) for i in order[close]) or (0,)
+
+    def _scouted(
+        self, member: Member, U: FloatArray, z: FloatArray, known: dict[str, FloatArray], cold: bool
+    ) -> Member:
         """A few steps: from where the member was, or from all the starting points."""
         iterations = self._settings.scout_iterations
         if not cold:
             return _climbed(member, U, z, self._settings.refresh_iterations)
         scouts = [
             _climbed(replace(member, vector=start), U, z, iterations)
-            for start in starts(member.kernel, self._dim)
+            for start in starts(member.kernel, self._dim, known)
         ]
         best = max(scouts, key=lambda scout: scout.value)
         return _climbed(best, U, z, 3 * iterations)
 
-    def _learned(self, member: Member, U: FloatArray, z: FloatArray, cold: bool) -> Member:
+    def _learned(
+        self, member: Member, U: FloatArray, z: FloatArray, known: dict[str, FloatArray], cold: bool
+    ) -> Member:
         """Climb to the end and take the evidence; ``cold`` also looks for a better start."""
         if cold:
-            member = max(member, self._scouted(member, U, z, cold=True), key=lambda scout: scout.value)
+            member = max(member, self._scouted(member, U, z, known, cold=True), key=lambda scout: scout.value)
         member = _climbed(member, U, z, self._settings.climb_iterations)
         evidence = laplace_evidence(member.kernel, U, z, member.vector, member.value)
         return replace(member, evidence=evidence)
 
     def _refresh(self, U: FloatArray, y: FloatArray, rng: np.random.Generator) -> None:
         data = self._data(U, y, self._settings.max_points, rng)
-        self._members[self._chosen] = _climbed(self.chosen, *data, self._settings.refresh_iterations)
+        for i in self._believed:
+            self._members[i] = _climbed(self._members[i], *data, self._settings.refresh_iterations)
         self._since_learning = 0
 
     def state(self) -> dict[str, Any]:
@@ -271,7 +344,7 @@ class StructuredSurrogate:
                 }
                 for member in self._members
             ],
-            "chosen": self._chosen,
+            "believed": list(self._believed),
             "compared_at": self._compared_at,
             "since_learning": self._since_learning,
         }
@@ -287,13 +360,14 @@ class StructuredSurrogate:
                 _restored(member, record)
                 for member, record in zip(self._members, state["members"], strict=True)
             ]
-            chosen, compared_at = int(state["chosen"]), int(state["compared_at"])
+            believed = tuple(int(i) for i in state["believed"])
+            compared_at = int(state["compared_at"])
             since = None if state["since_learning"] is None else int(state["since_learning"])
         except (KeyError, TypeError, ValueError) as error:
             raise RunLogError(f"the surrogate's state is unreadable: {error!r}") from error
-        if not 0 <= chosen < len(members) or compared_at < 0:
-            raise RunLogError(f"the surrogate's state names member {chosen} of {len(members)}")
-        self._members, self._chosen = members, chosen
+        if not believed or not all(0 <= i < len(members) for i in believed) or compared_at < 0:
+            raise RunLogError(f"the surrogate's state names members {believed} of {len(members)}")
+        self._members, self._believed = members, believed
         self._compared_at, self._since_learning = compared_at, since
 
 
@@ -305,6 +379,10 @@ def _restored(member: Member, record: dict[str, Any]) -> Member:
         -np.inf if record[key] is None else float(record[key]) for key in ("value", "evidence")
     )
     return Member(member.kernel, vector, value, evidence)
+
+
+def _fitted(member: Member, U: FloatArray, y: FloatArray) -> GaussianProcess:
+    return GaussianProcess.fit(U, y, Hyperparameters.from_vector(member.vector), member.kernel)
 
 
 def _climbed(member: Member, U: FloatArray, z: FloatArray, iterations: int) -> Member:
