@@ -9,6 +9,12 @@ PYTEST_ARGS ?=
 # A hanging test is stopped after this many seconds; no test measures itself against it.
 HANG_SECONDS ?= 300
 
+# What `make bench` measures; one BLAS thread each, so that "on one core" means it.
+BENCHES := mebo_grasp.experiments.bench_hand mebo_grasp.experiments.bench_optimizer \
+	mebo_grasp.experiments.bench_solutions mebo_grasp.nodes.bench_nodes
+bench: export OMP_NUM_THREADS = 1
+bench: export OPENBLAS_NUM_THREADS = 1
+
 .DEFAULT_GOAL := help
 .PHONY: help setup icub-meshes demo test test-quick lint check-types bench build-ros clean clean-all
 
@@ -22,7 +28,7 @@ icub-meshes:  ## Also install the iCub's meshes (optional, CC BY 4.0)
 	@$(PYTHON) tools/setup_environment.py --venv "$(VENV)" --icub-meshes
 
 demo: setup  ## Explore the built-in bottle with three real nodes, show the grasps (picture in out/demo)
-	$(BIN)/mebo-grasp explore --object bottle --space position --budget 100 --seed 1 --out "$(DEMO_OUT)"
+	$(BIN)/mebo-grasp explore --object bottle --space position --budget 100 --seed 1 --out "$(DEMO_OUT)" --restart
 
 test: setup  ## Run all tests, with real node processes
 	$(BIN)/python -m pytest --timeout=$(HANG_SECONDS) $(PYTEST_ARGS)
@@ -35,7 +41,7 @@ lint: setup  ## Check style and types of code, tests and tools
 	$(BIN)/mypy mebo_grasp msg_adapters test tools
 
 bench: setup  ## Measure speed, memory and latency; prints the figures with their spread
-	@for script in tools/bench_*.py; do $(BIN)/python "$$script" || exit 1; done
+	@for module in $(BENCHES); do echo "== $$module"; $(BIN)/python -m "$$module" || exit 1; echo; done
 
 build-ros:  ## With an installed, sourced ROS 2: colcon build of both packages into install/
 	@command -v colcon >/dev/null || { echo "colcon is missing: sudo apt install python3-colcon-common-extensions"; exit 1; }

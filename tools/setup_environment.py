@@ -298,6 +298,11 @@ def install_package(env: Environment) -> None:
     run([env.python, "-c", f"import {modules}"], env.log("package"), env.variables(), cwd=env.state)
 
 
+def compile_ahead(env: Environment) -> None:
+    """Use the compiled parts once, so that their code is in the cache."""
+    run([env.python, str(ROOT / "tools" / "warm_up.py")], env.log("compiled"), env.variables(), cwd=env.state)
+
+
 def link_into_ament_index(env: Environment) -> None:
     """Show ament (get_package_share_directory, `ros2 run`) what an editable installation leaves out."""
     share, executables = env.path / "share", env.path / "lib" / PACKAGE
@@ -347,6 +352,10 @@ STEPS = (
     Step("package", "installing mebo_grasp",
          ("setup.py", "setup.cfg", "pyproject.toml", "package.xml", "resource/*"),
          ("requirements", "interfaces"), install_package),
+    Step("compiled", "compiling what would otherwise be compiled at its first use (about half a minute)",
+         ("tools/warm_up.py", "mebo_grasp/grasping/*.py", "mebo_grasp/solutions/*.py",
+          "mebo_grasp/optimization/surrogate/*.py", "mebo_grasp/optimization/selection/*.py"),
+         ("package",), compile_ahead),
 )  # fmt: skip
 ICUB_MESHES = Step(
     "icub-meshes", "installing the iCub's meshes",
