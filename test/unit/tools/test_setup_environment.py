@@ -28,6 +28,7 @@ def setup(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     specification.loader.exec_module(module)
     repository = tmp_path / "repository"
     (repository / "mebo_grasp_interfaces" / "msg").mkdir(parents=True)
+    (repository / "mebo_grasp" / "grasping").mkdir(parents=True)
     for name in ("requirements.txt", "requirements-dev.txt", "setup.py", "mebo_grasp_interfaces/msg/A.msg"):
         (repository / name).write_text("first\n")
     monkeypatch.setattr(module, "ROOT", repository)
@@ -77,11 +78,12 @@ def test_a_folder_of_somebody_else_is_left_alone(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changed", "again"),
     [
-        ("requirements.txt", {"requirements", "interfaces", "package"}),
+        ("requirements.txt", {"requirements", "interfaces", "package", "compiled"}),
         ("requirements-dev.txt", {"test-tools"}),
-        ("mebo_grasp_interfaces/msg/A.msg", {"interfaces", "package"}),
-        ("mebo_grasp_interfaces/msg/New.msg", {"interfaces", "package"}),
-        ("setup.py", {"package"}),
+        ("mebo_grasp_interfaces/msg/A.msg", {"interfaces", "package", "compiled"}),
+        ("mebo_grasp_interfaces/msg/New.msg", {"interfaces", "package", "compiled"}),
+        ("setup.py", {"package", "compiled"}),
+        ("mebo_grasp/grasping/closing.py", {"compiled"}),
         ("README.md", set()),
     ],
 )
