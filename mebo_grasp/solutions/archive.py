@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from enum import IntEnum
+from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from types import TracebackType
 
@@ -16,11 +18,15 @@ from mebo_grasp.grasp import FloatArray, StampedGrasp
 from mebo_grasp.solutions.best_grasp import BestGraspAnswer, BestGraspQuery
 from mebo_grasp.solutions.diversity import PoseMetric
 from mebo_grasp.solutions.grasp_index import GraspIndex
-from mebo_grasp.solutions.hand_volume import HandVolumeOf
+from mebo_grasp.solutions.hand_volume import HandVolumeOf, PackedVolume
 from mebo_grasp.solutions.occlusion import Occlusion
 from mebo_grasp.solutions.solution_set import SolutionSet
 from mebo_grasp.solutions.trial_store import TrialStore
 
+ADDED_AT_ONCE = 10_000
+"""Trials of one transaction when many are added."""
+REMEMBERED = 2048
+"""Returned grasps that are kept whole in memory."""
 COMPLETED_AT_ONCE = 1000
 """Trials whose hand volume is added in one transaction."""
 
@@ -74,6 +80,8 @@ class SolutionArchive:
         self._approach_axis = _unit(approach_axis)
         self._guard = threading.RLock()
         self._store = TrialStore(path, object_id, sync_each_trial)
+        # The best grasps are returned again and again.
+        self._read = lru_cache(maxsize=REMEMBERED)(self._store.read)
         try:
             self._trials = self._store.count()
             self._complete_volumes()
@@ -82,6 +90,25 @@ class SolutionArchive:
             self._store.close()
             raise
         self._is_open = True
+
+    def _own(self, trial: StampedGrasp) -> StampedGrasp:
+        object_id = trial.grasp.object_id
+        if object_id and object_id != self.object_id:
+            raise ArchiveError(
+                f"a trial of '{object_id}' does not belong to the archive of '{self.object_id}'"
+            )
+        return trial
+
+    def _packed_volume(self, trial: StampedGrasp) -> PackedVolume | None:
+        if self._hand_volume is None or not trial.grasp.quality > 0.0:
+            return None
+        return self._hand_volume(trial.grasp).packed()
+
+    def _reload(self) -> None:
+        self._index.close()
+        self._read.cache_clear()
+        self._trials = self._store.count()
+        self._index = self._make_index()
 
     def _complete_volumes(self) -> None:
         if self._hand_volume is None:
@@ -141,23 +168,40 @@ class SolutionArchive:
         Raises:
             ArchiveError: the trial is of another object, or cannot be written; it is not stored then.
         """
-        grasp = trial.grasp
-        if grasp.object_id and grasp.object_id != self.object_id:
-            raise ArchiveError(
-                f"a trial of '{grasp.object_id}' does not belong to the archive of '{self.object_id}'"
-            )
-        is_answer = grasp.quality > 0.0
-        volume = self._hand_volume(grasp) if self._hand_volume is not None and is_answer else None
+        grasp = self._own(trial).grasp
+        volume = self._packed_volume(trial)
         with self._guard:
             self._require_open()
-            if not self._store.insert(trial, None if volume is None else volume.packed()):
+            if not self._store.insert(trial, volume):
                 return AddStatus.DUPLICATE
             self._trials += 1
-            if not is_answer:
+            if not grasp.quality > 0.0:
                 return AddStatus.STORED
             improved = grasp.quality > self._index.best_quality
             self._index.add(trial.stamp_ns, grasp.quality, grasp.T_object_tcp, volume)
             return AddStatus.IMPROVED if improved else AddStatus.STORED
+
+    def add_many(self, trials: Iterable[StampedGrasp]) -> int:
+        """Store many trials at once, as an import does; return how many were new.
+
+        They are committed in groups of ``ADDED_AT_ONCE``; a group is stored whole or not at all.
+
+        Args:
+            trials: of this archive's object.
+
+        Raises:
+            ArchiveError: a trial is of another object or cannot be written; the groups before stay.
+        """
+        added = 0
+        remaining = iter(trials)
+        with self._guard:
+            self._require_open()
+            while group := list(islice(remaining, ADDED_AT_ONCE)):
+                added += self._store.insert_many(
+                    [(trial, self._packed_volume(self._own(trial))) for trial in group]
+                )
+            self._reload()
+        return added
 
     def best(self, query: BestGraspQuery | None = None) -> BestGraspAnswer:
         """Return the best grasps that nothing blocks, of all that are stored.
@@ -172,7 +216,7 @@ class SolutionArchive:
         with self._guard:
             self._require_open()
             found = self._index.search(query, self.metric, self._approach_axis)
-            grasps = tuple(self._store.read(stamp) for stamp in found.stamps_ns)
+            grasps = tuple(self._read(stamp) for stamp in found.stamps_ns)
         counts: dict[str, int] = {}
         for occlusion, count in zip(query.occlusions, found.blocked, strict=True):
             if count:
@@ -215,9 +259,7 @@ class SolutionArchive:
         with self._guard:
             self._require_open()
             deleted = self._store.delete_object()
-            self._trials = 0
-            self._index.close()
-            self._index = self._make_index()
+            self._reload()
         return deleted
 
     def object_counts(self) -> dict[str, int]:

@@ -2,8 +2,9 @@
 
 A ``BoundingTree`` over one point of each hand carries for every node the best quality in it. Nodes are
 taken from a heap, best first. A node that lies in an occlusion as a whole is rejected as a whole; an
-occlusion out of reach of a node is not asked again below it. What comes out of the heap as a single
-grasp is better than all that is left, so that the search ends with the last grasp wanted.
+occlusion out of reach of a node is not asked again below it. A leaf, sorted by quality, has one grasp
+on the heap at a time. What comes out of the heap as a grasp is better than all that is left, so that
+the search ends with the last grasp wanted.
 """
 
 from __future__ import annotations
@@ -16,10 +17,11 @@ import numpy as np
 from numba import njit, uint64
 
 from mebo_grasp.grasp import FloatArray
-from mebo_grasp.solutions.blocking import hand_meets
+from mebo_grasp.solutions.blocking import hand_meets, place_hand
 from mebo_grasp.solutions.bounding_tree import LEAF, BoundingTree
 from mebo_grasp.solutions.diversity import IntArray
 from mebo_grasp.solutions.hand_volume import PackedVolume
+from mebo_grasp.solutions.pose_distance import pose_distance
 from mebo_grasp.solutions.signed_distance import Scene, distance_to
 
 NODE, GRASP = 0, 1
@@ -31,7 +33,10 @@ MASKED_SHAPES = 63
 """Occlusions that a node can rule out for all below it; any further ones are asked at every grasp."""
 
 
-# Quality (negative: the least comes first), NODE or GRASP, stamp, node or row, occlusions still to be asked.
+# A run is a sorted part of the order: occlusions to be asked, begin and end.
+Run = tuple[Any, Any, Any]
+# Quality (negative: the least comes first), NODE or GRASP, stamp, node or row, occlusions still to be asked,
+# and the rest of the run that a grasp was found in.
 HeapItem = tuple[Any, ...]
 Taken = list[int]
 # The heap; blocked grasps and blocked nodes, each with one occlusion that blocks it.
@@ -42,18 +47,22 @@ class Grasps(NamedTuple):
     """n grasps with a quality above zero, as columns.
 
     Args:
+        order: rows leaf by leaf of the tree, then those that are in no tree; each leaf and the rest are
+            sorted by quality, equal ones by stamp; shape (n,).
         stamps: shape (n,), nanoseconds.
         qualities: shape (n,).
         positions: of the TCP in the object's frame, shape (n, 3), metres.
         quaternions: xyzw, shape (n, 4).
         points: one point of each hand, by which the tree orders them, shape (n, 3), metres.
         inner: radius about that point within which all is hand, shape (n,); 0 under the TCP rule.
-        outer: radius about that point outside of which is no hand, shape (n,); 0 under the TCP rule.
+        outer: radius about that point outside of which is neither hand nor TCP, shape (n,); 0 under the
+            TCP rule.
         first_capsule: capsules of grasp i are the rows ``first_capsule[i]`` to ``first_capsule[i + 1]``,
             shape (n + 1,).
         capsules: in the TCP's frame, shape (c, 7).
     """
 
+    order: IntArray
     stamps: IntArray
     qualities: FloatArray
     positions: FloatArray
@@ -82,6 +91,7 @@ class Wanted(NamedTuple):
         min_quality: least quality.
         min_distance: least mutual distance, metres.
         rotation_weight: of the distance between poses, metres a radian.
+        symmetry_axis: of the distance between poses, shape (3,), unit or zero.
         by_hand: whether the hand's volume counts instead of the TCP.
         approach: where the approach begins, in the TCP's frame, shape (3,), metres; zero for none.
     """
@@ -90,8 +100,30 @@ class Wanted(NamedTuple):
     min_quality: float
     min_distance: float
     rotation_weight: float
+    symmetry_axis: FloatArray
     by_hand: bool
     approach: FloatArray
+
+
+@njit(cache=True, nogil=True)
+def sort_leaves(tree: BoundingTree, qualities: FloatArray, stamps: IntArray) -> None:
+    """Sort each leaf of the tree by quality, best first, equal ones by stamp."""
+    for node in range(len(tree.left)):
+        if tree.left[node] != LEAF:
+            continue
+        for i in range(tree.begin[node] + 1, tree.end[node]):
+            row, k = tree.order[i], i
+            while k > tree.begin[node] and _comes_before(qualities, stamps, row, tree.order[k - 1]):
+                tree.order[k] = tree.order[k - 1]
+                k -= 1
+            tree.order[k] = row
+
+
+@njit(cache=True, nogil=True)
+def _comes_before(qualities: FloatArray, stamps: IntArray, a: int, b: int) -> bool:
+    if qualities[a] != qualities[b]:
+        return bool(qualities[a] > qualities[b])
+    return bool(stamps[a] < stamps[b])
 
 
 @njit(cache=True, nogil=True)
@@ -118,26 +150,19 @@ def node_bounds(tree: BoundingTree, grasps: Grasps) -> NodeBounds:
 
 
 @njit(cache=True, nogil=True)
-def _pose_distance(grasps: Grasps, a: int, b: int, rotation_weight: float) -> float:
-    squared = 0.0
-    for axis in range(3):
-        squared += (grasps.positions[a, axis] - grasps.positions[b, axis]) ** 2
-    if rotation_weight > 0.0:
-        minus = plus = 0.0
-        for axis in range(4):
-            minus += (grasps.quaternions[a, axis] - grasps.quaternions[b, axis]) ** 2
-            plus += (grasps.quaternions[a, axis] + grasps.quaternions[b, axis]) ** 2
-        angle = 4.0 * math.atan2(math.sqrt(min(minus, plus)), math.sqrt(max(minus, plus)))
-        squared += (rotation_weight * angle) ** 2
-    return math.sqrt(squared)
-
-
-@njit(cache=True, nogil=True)
 def _is_diverse(grasps: Grasps, row: int, taken: Taken, wanted: Wanted) -> bool:
     if wanted.min_distance <= 0.0:
         return True
     for other in taken:
-        if _pose_distance(grasps, row, other, wanted.rotation_weight) < wanted.min_distance:
+        distance = pose_distance(
+            grasps.positions[row],
+            grasps.quaternions[row],
+            grasps.positions[other],
+            grasps.quaternions[other],
+            wanted.rotation_weight,
+            wanted.symmetry_axis,
+        )
+        if distance < wanted.min_distance:
             return False
     return True
 
@@ -153,12 +178,12 @@ def _is_masked_out(mask: int, shape: int) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _look_at_point(scene: Scene, grasps: Grasps, row: int, mask: int, reach: float) -> tuple[int, int]:
+def _look_at_grasp(scene: Scene, grasps: Grasps, row: int, mask: int, reach: float) -> tuple[int, int]:
     """Return the blocking shape, FREE or UNDECIDED, and the shapes that remain to be asked."""
     x, y, z = grasps.points[row, 0], grasps.points[row, 1], grasps.points[row, 2]
     inner, outer = grasps.inner[row], grasps.outer[row] + reach
     rest, verdict = uint64(0), FREE
-    for shape in range(len(scene.kinds)):
+    for shape in range(len(scene.shapes)):
         if _is_masked_out(mask, shape):
             continue
         distance = distance_to(scene, shape, x, y, z)
@@ -174,12 +199,13 @@ def _look_at_point(scene: Scene, grasps: Grasps, row: int, mask: int, reach: flo
 @njit(cache=True, nogil=True)
 def _ask_hand(scene: Scene, grasps: Grasps, row: int, mask: int, wanted: Wanted) -> int:
     capsules = grasps.capsules[grasps.first_capsule[row] : grasps.first_capsule[row + 1]]
-    for shape in range(len(scene.kinds)):
+    hand = place_hand(grasps.positions[row], grasps.quaternions[row], capsules, wanted.approach)
+    x, y, z = grasps.points[row, 0], grasps.points[row, 1], grasps.points[row, 2]
+    for shape in range(len(scene.shapes)):
         if _is_masked_out(mask, shape):
             continue
-        if hand_meets(
-            scene, shape, grasps.positions[row], grasps.quaternions[row], capsules, wanted.approach
-        ):
+        is_near = distance_to(scene, shape, x, y, z) <= grasps.outer[row]
+        if hand_meets(scene, shape, hand, 0 if is_near else len(capsules)):
             return shape
     return FREE
 
@@ -197,7 +223,7 @@ def _look_at_node(
         half += (0.5 * (tree.high[node, axis] - tree.low[node, axis])) ** 2
     half = math.sqrt(half) * (1.0 + 1e-12)
     inner, outer = bounds.inner[node] - half, bounds.outer[node] + reach + half
-    for shape in range(min(len(scene.kinds), MASKED_SHAPES)):
+    for shape in range(min(len(scene.shapes), MASKED_SHAPES)):
         if _is_masked_out(mask, shape):
             continue
         distance = distance_to(scene, shape, x, y, z)
@@ -209,23 +235,48 @@ def _look_at_node(
 
 
 @njit(cache=True, nogil=True)
-def _open_grasp(
-    scene: Scene, grasps: Grasps, row: int, mask: int, wanted: Wanted, taken: Taken, progress: Progress
+def _is_near_taken(
+    tree: BoundingTree, grasps: Grasps, node: int, taken: Taken, wanted: Wanted
+) -> bool:
+    """Tell whether no grasp of the node can be diverse from all that are taken."""
+    for other in taken:
+        squared = (wanted.rotation_weight * math.pi) ** 2
+        for axis in range(3):
+            x = grasps.positions[other, axis]
+            squared += max(tree.high[node, axis] - x, x - tree.low[node, axis]) ** 2
+        if squared * (1.0 + 1e-9) < wanted.min_distance**2:
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def _advance(
+    scene: Scene, grasps: Grasps, run: Run, wanted: Wanted, taken: Taken, progress: Progress
 ) -> None:
-    """Reject a grasp, or put it on the heap."""
-    if grasps.qualities[row] < wanted.min_quality:
-        return
+    """Put the next grasp of a run that may be an answer on the heap; runs are sorted, best first."""
     heap, blocked_grasps, _ = progress
-    verdict, rest = _look_at_point(scene, grasps, row, mask, _length(wanted.approach))
-    if verdict >= 0:
-        blocked_grasps.append((np.int64(row), np.int64(verdict)))
+    mask, begin, end = run
+    reach = _length(wanted.approach)
+    for k in range(begin, end):
+        row = grasps.order[k]
+        if grasps.qualities[row] < wanted.min_quality:
+            return
+        verdict, rest = FREE, uint64(0)
+        if mask != uint64(0):
+            verdict, rest = _look_at_grasp(scene, grasps, row, mask, reach)
+        if verdict >= 0:
+            blocked_grasps.append((np.int64(row), np.int64(verdict)))
+            continue
+        if verdict == FREE and not _is_diverse(grasps, row, taken, wanted):
+            continue
+        if verdict == UNDECIDED:
+            # Shapes beyond the mask are asked again whenever the mask is not empty.
+            rest |= uint64(1) << uint64(MASKED_SHAPES)
+        following = (mask, np.int64(k + 1), np.int64(end))
+        heapq.heappush(
+            heap, (-grasps.qualities[row], GRASP, grasps.stamps[row], np.int64(row), rest, following)
+        )
         return
-    if verdict == UNDECIDED:
-        # Shapes beyond the mask are asked again whenever the mask is not empty.
-        rest |= uint64(1) << uint64(MASKED_SHAPES)
-    elif not _is_diverse(grasps, row, taken, wanted):
-        return
-    heapq.heappush(heap, (-grasps.qualities[row], GRASP, grasps.stamps[row], np.int64(row), rest))
 
 
 @njit(cache=True, nogil=True)
@@ -243,56 +294,61 @@ def _open_node(
     """Reject a node as a whole, or put what is in it on the heap."""
     heap, _, blocked_nodes = progress
     shape, mask = _look_at_node(scene, tree, bounds, node, mask, _length(wanted.approach))
+    nobody = (uint64(0), np.int64(0), np.int64(0))
     if shape != FREE:
         blocked_nodes.append((np.int64(node), np.int64(shape)))
-    elif tree.left[node] != LEAF:
+    elif tree.left[node] == LEAF:
+        run = (mask, tree.begin[node], tree.end[node])
+        _advance(scene, grasps, run, wanted, taken, progress)
+    elif mask != uint64(0) or wanted.by_hand or not _is_near_taken(tree, grasps, node, taken, wanted):
         for child in range(tree.left[node], tree.left[node] + 2):
-            heapq.heappush(heap, (-bounds.best[child], NODE, np.int64(0), np.int64(child), mask))
-    else:
-        for row in tree.order[tree.begin[node] : tree.end[node]]:
-            _open_grasp(scene, grasps, row, mask, wanted, taken, progress)
+            heapq.heappush(
+                heap, (-bounds.best[child], NODE, np.int64(0), np.int64(child), mask, nobody)
+            )
 
 
 @njit(cache=True, nogil=True)
 def search(
-    tree: BoundingTree, bounds: NodeBounds, grasps: Grasps, covered: int, scene: Scene, wanted: Wanted
+    tree: BoundingTree, bounds: NodeBounds, grasps: Grasps, scene: Scene, wanted: Wanted
 ) -> tuple[IntArray, int, IntArray]:
     """Find the best grasps that are free and mutually diverse.
 
     Args:
-        tree: over the first ``covered`` grasps.
+        tree: over the first grasps; those that it does not cover stand behind them in ``grasps.order``.
         bounds: of its nodes.
-        grasps: all of them; those behind ``covered`` are looked at one by one.
-        covered: how many grasps the tree knows.
+        grasps: all of them.
         scene: occlusions.
         wanted: the question.
 
     Returns:
         Rows found, best first; number of grasps looked at; number blocked by each occlusion, shape (s,).
     """
+    covered, zero, none = len(tree.order), np.int64(0), uint64(0)
+    every = ~none if len(scene.shapes) > 0 else none
+    nobody = (none, zero, zero)
     # Lists need a first element for the compiler to know their type.
-    every, zero = ~uint64(0), np.int64(0)
-    taken, progress = [zero], ([(0.0, NODE, zero, zero, every)], [(zero, zero)], [(zero, zero)])
+    taken, progress = [zero], ([(0.0, NODE, zero, zero, none, nobody)], [(zero, zero)], [(zero, zero)])
     heap, blocked_grasps, blocked_nodes = progress
     taken.pop(), heap.pop(), blocked_grasps.pop(), blocked_nodes.pop()
-    for row in range(covered, len(grasps.qualities)):
-        _open_grasp(scene, grasps, row, every, wanted, taken, progress)
+    uncovered = (every, np.int64(covered), np.int64(len(grasps.order)))
+    _advance(scene, grasps, uncovered, wanted, taken, progress)
     if covered > 0:
-        heapq.heappush(heap, (-bounds.best[0], NODE, zero, zero, every))
+        heapq.heappush(heap, (-bounds.best[0], NODE, zero, zero, every, nobody))
     while len(heap) > 0 and len(taken) < wanted.number:
-        key, kind, _, item, mask = heapq.heappop(heap)
+        key, kind, _, item, mask, following = heapq.heappop(heap)
         if -key < wanted.min_quality:
             break
         if kind == NODE:
             _open_node(scene, tree, bounds, grasps, item, mask, wanted, taken, progress)
             continue
-        shape = _ask_hand(scene, grasps, item, mask, wanted) if mask != uint64(0) else FREE
+        shape = _ask_hand(scene, grasps, item, mask, wanted) if mask != none else FREE
         if shape != FREE:
             blocked_grasps.append((item, np.int64(shape)))
         elif _is_diverse(grasps, item, taken, wanted):
             taken.append(item)
+        _advance(scene, grasps, following, wanted, taken, progress)
     last = taken[-1] if len(taken) == wanted.number else NOTHING
-    considered, blocked = _count(tree, bounds, grasps, len(scene.kinds), wanted, last, progress)
+    considered, blocked = _count(tree, bounds, grasps, len(scene.shapes), wanted, last, progress)
     return np.array(taken), considered, blocked
 
 

@@ -16,37 +16,31 @@ from scipy.sparse.csgraph import connected_components
 
 from mebo_grasp.errors import InvalidQueryError
 from mebo_grasp.grasp import FloatArray, Pose
+from mebo_grasp.solutions.pose_distance import distance_table, distances_to_many
 
 IntArray = npt.NDArray[np.int64]
 
 
-def rotation_angles(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the geodesic angle between rotations, in [0, pi] radians, exact near 0 and near pi.
-
-    Args:
-        a: unit quaternions xyzw, shape (..., 4).
-        b: unit quaternions xyzw, shape that broadcasts with ``a``.
-    """
-    chord = np.linalg.norm(a - b, axis=-1)
-    antichord = np.linalg.norm(a + b, axis=-1)
-    # q and -q are the same rotation: the shorter of the two chords counts.
-    angles: FloatArray = 4.0 * np.arctan2(np.minimum(chord, antichord), np.maximum(chord, antichord))
-    return angles
-
-
 @dataclass(frozen=True)
 class PoseMetric:
-    """Distance between poses: sqrt(|dp|^2 + (w * angle)^2), metres.
+    """Distance between poses: sqrt(|dp|^2 + (w * angle)^2), metres, angle geodesic in [0, pi].
+
+    With a symmetry axis it is the least distance over all turns of one pose about the axis: a bottle that
+    is turned about its axis is grasped in the same way.
 
     Args:
         rotation_weight: w, metres that one radian of rotation is worth; with 0.05 a quarter turn counts
             as 79 mm. 0 compares positions only.
+        symmetry_axis: direction, in the object's frame, of the axis through its origin about which the
+            object looks the same from all sides; it need not be of unit length. None for no symmetry.
 
     Raises:
-        InvalidQueryError: the weight is negative or not finite.
+        InvalidQueryError: the weight is negative or not finite, or the axis is not three finite numbers
+            of which one is not 0.
     """
 
     rotation_weight: float = 0.05
+    symmetry_axis: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         if not math.isfinite(self.rotation_weight) or self.rotation_weight < 0.0:
@@ -54,6 +48,19 @@ class PoseMetric:
                 f"rotation_weight must be finite and at least 0 m/rad, got {self.rotation_weight}"
             )
         object.__setattr__(self, "rotation_weight", float(self.rotation_weight))
+        if self.symmetry_axis is not None:
+            axis = np.array(self.symmetry_axis, dtype=np.float64)
+            length = float(np.linalg.norm(axis))
+            if axis.shape != (3,) or not math.isfinite(length) or length == 0.0:
+                raise InvalidQueryError(
+                    f"symmetry_axis needs three finite numbers, not all 0; got {self.symmetry_axis}"
+                )
+            object.__setattr__(self, "symmetry_axis", tuple((axis / length).tolist()))
+
+    @property
+    def axis(self) -> FloatArray:
+        """The symmetry axis as a unit vector, shape (3,), or zero for none."""
+        return np.array(self.symmetry_axis or (0.0, 0.0, 0.0))
 
     def distance(self, a: Pose, b: Pose) -> float:
         """Return the distance between two poses, metres."""
@@ -67,7 +74,15 @@ class PoseMetric:
             positions: shape (n, 3), metres.
             quaternions: xyzw, unit norm, shape (n, 4).
         """
-        return self._between(pose.position, pose.quaternion_xyzw, positions, quaternions)
+        distances: FloatArray = distances_to_many(
+            np.array(pose.position),
+            np.array(pose.quaternion_xyzw),
+            _rows(positions),
+            _rows(quaternions),
+            self.rotation_weight,
+            self.axis,
+        )
+        return distances
 
     def pairwise(self, positions: FloatArray, quaternions: FloatArray) -> FloatArray:
         """Return all mutual distances, shape (n, n), metres.
@@ -76,18 +91,15 @@ class PoseMetric:
             positions: shape (n, 3), metres.
             quaternions: xyzw, unit norm, shape (n, 4).
         """
-        return self._between(
-            positions[:, None], quaternions[:, None], positions[None], quaternions[None]
+        distances: FloatArray = distance_table(
+            _rows(positions), _rows(quaternions), self.rotation_weight, self.axis
         )
-
-    def _between(
-        self, p_a: FloatArray, q_a: FloatArray, p_b: FloatArray, q_b: FloatArray
-    ) -> FloatArray:
-        squared = np.sum(np.square(p_a - p_b), axis=-1)
-        if self.rotation_weight > 0.0:
-            squared = squared + np.square(self.rotation_weight * rotation_angles(q_a, q_b))
-        distances: FloatArray = np.sqrt(squared)
         return distances
+
+
+def _rows(values: FloatArray) -> FloatArray:
+    # A writable copy in row order: the one form for which the compiled code is made.
+    return np.array(values, dtype=np.float64, order="C")
 
 
 def select_diverse(

@@ -11,12 +11,19 @@ import numpy.typing as npt
 
 from mebo_grasp.errors import InvalidQueryError
 from mebo_grasp.grasp import FloatArray, Pose
-from mebo_grasp.solutions.best_first import Grasps, NodeBounds, Wanted, node_bounds, search
+from mebo_grasp.solutions.best_first import (
+    Grasps,
+    NodeBounds,
+    Wanted,
+    node_bounds,
+    search,
+    sort_leaves,
+)
 from mebo_grasp.solutions.best_grasp import BestGraspQuery
 from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.bounding_tree import BoundingTree, build_tree
 from mebo_grasp.solutions.diversity import IntArray, PoseMetric
-from mebo_grasp.solutions.hand_volume import HandVolume, bounding_balls
+from mebo_grasp.solutions.hand_volume import PackedVolume, bounding_balls
 from mebo_grasp.solutions.occlusion import make_scene
 from mebo_grasp.solutions.trial_store import StoredGrasps
 
@@ -72,45 +79,77 @@ class Column:
         self._length = needed
 
 
+    def insert(self, position: int, value: Any) -> None:
+        """Add one row before the row at ``position``."""
+        self.extend(self.array[-1:] if self._length else np.asarray([value], self._values.dtype))
+        values = self.array
+        values[position + 1 :] = values[position:-1].copy()
+        values[position] = value
+
+
 class Covering:
     """The tree of one blocking rule, made anew when too many grasps are not in it."""
 
     def __init__(self) -> None:
-        nowhere = np.empty((0, 3))
-        none = np.empty(0, dtype=np.int64)
-        nothing = np.empty(0)
+        nowhere, none, nothing = np.empty((0, 3)), np.empty(0, dtype=np.int64), np.empty(0)
         self.tree = BoundingTree(none, none, none, none, nowhere, nowhere)
         self.bounds = NodeBounds(nothing, nothing, nothing, nothing)
+        self._order = Column(none)
         self._pending: Future[tuple[BoundingTree, NodeBounds]] | None = None
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="grasp_index")
 
     @property
-    def size(self) -> int:
-        """Number of grasps in the tree: the first ones."""
-        return len(self.tree.order)
+    def order(self) -> IntArray:
+        """Rows leaf by leaf, then those that are not in the tree, best first."""
+        return self._order.array
 
     def refresh(self, grasps: Grasps) -> None:
-        """Make a new tree if it is time to; answers stay the same, only their time changes."""
-        if self._pending is not None:
-            if not self._pending.done():
-                return
-            self.tree, self.bounds = self._pending.result()
+        """Take in new grasps, and make a new tree if it is time to.
+
+        Answers stay the same, only their time changes.
+
+        Args:
+            grasps: all; their ``order`` is not read.
+        """
+        covered, known, n = len(self.tree.order), len(self.order), len(grasps.qualities)
+        if self._pending is not None and self._pending.done():
+            self._use(*self._pending.result(), grasps)
             self._pending = None
-        n = len(grasps.qualities)
-        if n - self.size <= max(UNCOVERED, n // UNCOVERED_SHARE):
+        elif n - known == 1:
+            rank = _rank(grasps, self.order[covered:], known)
+            self._order.insert(covered + rank, known)
+        elif n > known:
+            self._use(self.tree, self.bounds, grasps)
+        covered = len(self.tree.order)
+        if self._pending is not None or n - covered <= max(UNCOVERED, n // UNCOVERED_SHARE):
             return
-        if self.size == 0 or n < BACKGROUND_SIZE:
-            self.tree, self.bounds = _cover(grasps)
+        if covered == 0 or n < BACKGROUND_SIZE:
+            self._use(*_cover(grasps), grasps)
         else:
             self._pending = self._worker.submit(_cover, grasps)
+
+    def _use(self, tree: BoundingTree, bounds: NodeBounds, grasps: Grasps) -> None:
+        self.tree, self.bounds = tree, bounds
+        rest = np.arange(len(tree.order), len(grasps.qualities))
+        rest = rest[np.lexsort((grasps.stamps[rest], -grasps.qualities[rest]))]
+        self._order = Column(np.concatenate([tree.order, rest]))
 
     def close(self) -> None:
         """Let the worker end."""
         self._worker.shutdown(wait=False, cancel_futures=True)
 
 
+def _rank(grasps: Grasps, rows: IntArray, new: int) -> int:
+    """Return how many of the sorted rows come before a new one."""
+    qualities = -grasps.qualities[rows]
+    first = int(np.searchsorted(qualities, -grasps.qualities[new], side="left"))
+    last = int(np.searchsorted(qualities, -grasps.qualities[new], side="right"))
+    return first + int(np.searchsorted(grasps.stamps[rows[first:last]], grasps.stamps[new]))
+
+
 def _cover(grasps: Grasps) -> tuple[BoundingTree, NodeBounds]:
     tree = build_tree(grasps.points, grasps.points, LEAF_SIZE)
+    sort_leaves(tree, grasps.qualities, grasps.stamps)
     return tree, node_bounds(tree, grasps)
 
 
@@ -154,10 +193,10 @@ class GraspIndex:
         """The best quality, 0 when nothing is stored."""
         return self._best
 
-    def add(self, stamp_ns: int, quality: float, pose: Pose, volume: HandVolume | None) -> None:
+    def add(self, stamp_ns: int, quality: float, pose: Pose, volume: PackedVolume | None) -> None:
         """Add one grasp; its quality must be above zero and its stamp new."""
         position, quaternion = pose.position[None], pose.quaternion_xyzw[None]
-        capsules = np.empty((0, 7), dtype=np.int16) if volume is None else volume.packed()
+        capsules = np.empty((0, 7), dtype=np.int16) if volume is None else volume
         balls = bounding_balls(position, quaternion, np.array([0, len(capsules)]), capsules)
         self._capsules.extend(capsules)
         self._first_capsule.extend(np.array([len(self._capsules.array)]))
@@ -178,6 +217,7 @@ class GraspIndex:
     def _grasps(self, rule: BlockingRule) -> Grasps:
         by_hand = rule is BlockingRule.HAND
         return Grasps(
+            self._coverings[rule].order,
             self._stamps.array,
             self._qualities.array,
             self._positions.array,
@@ -211,11 +251,12 @@ class GraspIndex:
             query.min_quality,
             query.min_diversity,
             metric.rotation_weight,
+            metric.axis,
             by_hand,
             -query.approach_length * approach_axis if by_hand else np.zeros(3),
         )
         rows, considered, blocked = search(
-            covering.tree, covering.bounds, grasps, covering.size, make_scene(query.occlusions), wanted
+            covering.tree, covering.bounds, grasps, make_scene(query.occlusions), wanted
         )
         return Found(tuple(grasps.stamps[rows].tolist()), int(considered), blocked)
 

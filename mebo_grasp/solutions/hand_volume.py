@@ -89,6 +89,8 @@ def bounding_balls(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return for each grasp a point, a radius within which all is hand, and one outside of which none is.
 
+    The outer radius holds the TCP as well.
+
     The point is the middle of the thickest capsule, usually the palm.
 
     Args:
@@ -131,6 +133,8 @@ def _balls_in_tcp_frame(
             centers[i, axis] = 0.5 * UNIT * (capsules[thickest, axis] + capsules[thickest, 3 + axis])
         # A hair less, so that rounding never calls a hand blocked that only touches.
         inner[i] = capsules[thickest, 6] * UNIT * (1.0 - 1e-9)
+        # The TCP is within the outer radius too: that is where the approach path ends.
+        outer[i] = math.sqrt(np.sum(centers[i] ** 2))
         for k in range(begin, end):
             for side in (0, 3):
                 squared = 0.0

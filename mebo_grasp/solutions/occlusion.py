@@ -20,7 +20,12 @@ from mebo_grasp.solutions.shapes import (
     Sphere,
     TriangleMesh,
 )
-from mebo_grasp.solutions.signed_distance import Scene, distances_to
+from mebo_grasp.solutions.signed_distance import (
+    COLUMNS,
+    Scene,
+    distances_to,
+    rotation_matrix,
+)
 
 __all__ = ["Box", "Cone", "Cylinder", "Occlusion", "Shape", "Sphere", "TriangleMesh", "make_scene"]
 
@@ -53,6 +58,13 @@ class Occlusion:
             )
 
     @cached_property
+    def columns(self) -> FloatArray:
+        """All that a ``Scene`` says of it except for the place of its triangles."""
+        R = rotation_matrix(self.T_object_shape.quaternion_xyzw)
+        position = self.T_object_shape.position
+        return np.array([self.shape.kind, *self.shape.sizes, *R.flat, *position, self.margin])
+
+    @cached_property
     def _scene(self) -> Scene:
         return make_scene((self,))
 
@@ -77,29 +89,20 @@ class Occlusion:
 
 def make_scene(occlusions: tuple[Occlusion, ...]) -> Scene:
     """Gather occlusions into the arrays that the compiled searches read."""
-    s = len(occlusions)
-    meshes = np.zeros((s, 2), dtype=np.int64)
+    shapes = np.zeros((len(occlusions), COLUMNS))
     triangles: list[FloatArray] = [np.empty((0, 3, 3))]
     trees: list[BoundingTree] = []
-    first_triangle = first_node = 0
-    for i, occlusion in enumerate(occlusions):
+    first_triangle = root = 0
+    for row, occlusion in zip(shapes, occlusions, strict=True):
+        row[:-2] = occlusion.columns
         if isinstance(occlusion.shape, TriangleMesh):
+            row[-2:] = first_triangle, root
             tree, corners = occlusion.shape.tree
-            meshes[i] = first_triangle, first_node
-            trees.append(tree._replace(left=np.where(tree.left == LEAF, LEAF, tree.left + first_node)))
+            trees.append(tree._replace(left=np.where(tree.left == LEAF, LEAF, tree.left + root)))
             triangles.append(corners)
             first_triangle += len(corners)
-            first_node += len(tree.left)
-    return Scene(
-        kinds=np.array([o.shape.kind for o in occlusions], dtype=np.int64),
-        sizes=np.array([o.shape.sizes for o in occlusions], dtype=np.float64).reshape(s, 3),
-        rotations=np.array([o.T_object_shape.matrix[:3, :3] for o in occlusions]).reshape(s, 3, 3),
-        origins=np.array([o.T_object_shape.position for o in occlusions]).reshape(s, 3),
-        margins=np.array([o.margin for o in occlusions], dtype=np.float64),
-        meshes=meshes,
-        triangles=np.concatenate(triangles),
-        tree=_join(trees),
-    )
+            root += len(tree.left)
+    return Scene(shapes, np.concatenate(triangles), _join(trees))
 
 
 def _join(trees: list[BoundingTree]) -> BoundingTree:

@@ -15,7 +15,6 @@ from numba import njit
 
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.solutions.bounding_tree import LEAF, BoundingTree
-from mebo_grasp.solutions.diversity import IntArray
 
 BOX, SPHERE, CYLINDER, CONE, MESH = range(5)
 STACK_SIZE = 64
@@ -31,32 +30,41 @@ class Scene(NamedTuple):
     """s occlusions in the object's frame.
 
     Args:
-        kinds: ``BOX`` to ``MESH``, shape (s,).
-        sizes: half edges of a box; radius of a sphere; half height and radius of a cylinder or cone;
-            1 for a closed mesh; shape (s, 3).
-        rotations: of the shape's frame in the object's, shape (s, 3, 3).
-        origins: of the shape's frame in the object's, shape (s, 3), metres.
-        margins: by which a shape is thickened, shape (s,), metres.
-        meshes: where the mesh's triangles begin in ``triangles``, and its root among the nodes, shape (s, 2).
+        shapes: for each occlusion its kind (``BOX`` to ``MESH``); three sizes (half edges of a box; radius of
+            a sphere; half height and radius of a cylinder or cone; 1 for a closed mesh); the nine
+            elements of its rotation, row by row, and its origin in the object's frame; the margin by
+            which it is thickened; for a mesh, where its triangles begin in ``triangles`` and where its
+            root is among the nodes; shape (s, ``COLUMNS``).
         triangles: corners of all triangles, in the order of the trees, shape (f, 3, 3).
         tree: the trees of all meshes, one behind another; ``order`` is not used.
     """
 
-    kinds: IntArray
-    sizes: FloatArray
-    rotations: FloatArray
-    origins: FloatArray
-    margins: FloatArray
-    meshes: IntArray
+    shapes: FloatArray
     triangles: FloatArray
     tree: BoundingTree
 
 
+# What the columns of Scene.shapes hold.
+_SIZE, _ROTATION, _ORIGIN, _MARGIN, _FIRST_TRIANGLE, _ROOT = 1, 4, 13, 16, 17, 18
+COLUMNS = 19
+
+
 @njit(cache=True, nogil=True)
-def _box(half: FloatArray, x: float, y: float, z: float) -> float:
-    dx, dy, dz = abs(x) - half[0], abs(y) - half[1], abs(z) - half[2]
+def rotation_matrix(q: FloatArray) -> FloatArray:
+    """Return the matrix of a unit quaternion xyzw, shape (3, 3)."""
+    x, y, z, w = q[0], q[1], q[2], q[3]
+    R = np.empty((3, 3))
+    R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)
+    R[1, 0], R[1, 1], R[1, 2] = 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)
+    R[2, 0], R[2, 1], R[2, 2] = 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
+    return R
+
+
+@njit(cache=True, nogil=True)
+def _box(half_x: float, half_y: float, half_z: float, x: float, y: float, z: float) -> float:
+    dx, dy, dz = abs(x) - half_x, abs(y) - half_y, abs(z) - half_z
     ox, oy, oz = max(dx, 0.0), max(dy, 0.0), max(dz, 0.0)
-    return math.sqrt(ox * ox + oy * oy + oz * oz) + min(float(max(dx, max(dy, dz))), 0.0)
+    return math.sqrt(ox * ox + oy * oy + oz * oz) + min(max(dx, max(dy, dz)), 0.0)
 
 
 @njit(cache=True, nogil=True)
@@ -127,10 +135,10 @@ def _squared_to_triangle(p: Triple, triangles: FloatArray, face: int) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _squared_to_node(p: Triple, low: FloatArray, high: FloatArray) -> float:
+def _squared_to_node(p: Triple, low: FloatArray, high: FloatArray, node: int) -> float:
     total = 0.0
     for axis in range(3):
-        outside = max(max(low[axis] - p[axis], p[axis] - high[axis]), 0.0)
+        outside = max(max(low[node, axis] - p[axis], p[axis] - high[node, axis]), 0.0)
         total += outside * outside
     return total
 
@@ -138,23 +146,22 @@ def _squared_to_node(p: Triple, low: FloatArray, high: FloatArray) -> float:
 @njit(cache=True, nogil=True)
 def _mesh_surface(scene: Scene, shape: int, p: Triple) -> float:
     """Return the distance to the nearest triangle."""
-    tree, first = scene.tree, scene.meshes[shape, 0]
+    tree, first = scene.tree, int(scene.shapes[shape, _FIRST_TRIANGLE])
     stack = np.empty(STACK_SIZE, np.int64)
-    stack[0] = scene.meshes[shape, 1]
+    stack[0] = int(scene.shapes[shape, _ROOT])
     depth, best = 1, np.inf
     while depth > 0:
         depth -= 1
         node = stack[depth]
-        if _squared_to_node(p, tree.low[node], tree.high[node]) >= best:
+        if _squared_to_node(p, tree.low, tree.high, node) >= best:
             continue
         if tree.left[node] == LEAF:
             for k in range(tree.begin[node], tree.end[node]):
                 best = min(best, _squared_to_triangle(p, scene.triangles, first + k))
             continue
         near, far = tree.left[node], tree.left[node] + 1
-        if _squared_to_node(p, tree.low[far], tree.high[far]) < _squared_to_node(
-            p, tree.low[near], tree.high[near]
-        ):
+        to_near = _squared_to_node(p, tree.low, tree.high, near)
+        if _squared_to_node(p, tree.low, tree.high, far) < to_near:
             near, far = far, near
         stack[depth], stack[depth + 1] = far, near
         depth += 2
@@ -162,11 +169,11 @@ def _mesh_surface(scene: Scene, shape: int, p: Triple) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _ray_meets_node(p: Triple, low: FloatArray, high: FloatArray) -> bool:
+def _ray_meets_node(p: Triple, low: FloatArray, high: FloatArray, node: int) -> bool:
     enter, leave = 0.0, np.inf
     for axis in range(3):
-        enter = max(enter, (low[axis] - p[axis]) / _RAY[axis])
-        leave = min(leave, (high[axis] - p[axis]) / _RAY[axis])
+        enter = max(enter, (low[node, axis] - p[axis]) / _RAY[axis])
+        leave = min(leave, (high[node, axis] - p[axis]) / _RAY[axis])
     return enter <= leave
 
 
@@ -188,14 +195,14 @@ def _ray_meets_triangle(p: Triple, triangles: FloatArray, face: int) -> bool:
 @njit(cache=True, nogil=True)
 def _is_inside_mesh(scene: Scene, shape: int, p: Triple) -> bool:
     """Tell by the number of faces that a ray from the point passes."""
-    tree, first = scene.tree, scene.meshes[shape, 0]
+    tree, first = scene.tree, int(scene.shapes[shape, _FIRST_TRIANGLE])
     stack = np.empty(STACK_SIZE, np.int64)
-    stack[0] = scene.meshes[shape, 1]
+    stack[0] = int(scene.shapes[shape, _ROOT])
     depth, passed = 1, 0
     while depth > 0:
         depth -= 1
         node = stack[depth]
-        if not _ray_meets_node(p, tree.low[node], tree.high[node]):
+        if not _ray_meets_node(p, tree.low, tree.high, node):
             continue
         if tree.left[node] == LEAF:
             for k in range(tree.begin[node], tree.end[node]):
@@ -207,34 +214,49 @@ def _is_inside_mesh(scene: Scene, shape: int, p: Triple) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def distance_in_shape_frame(scene: Scene, shape: int, x: float, y: float, z: float) -> float:
-    """Return the signed distance from a point of the shape's frame, the margin not yet taken off, metres."""
-    kind, size = scene.kinds[shape], scene.sizes[shape]
-    if kind == BOX:
-        return float(_box(size, x, y, z))
-    if kind == SPHERE:
-        return float(math.sqrt(x * x + y * y + z * z) - size[0])
-    if kind == CYLINDER:
-        return float(_cylinder(size[0], size[1], x, y, z))
-    if kind == CONE:
-        return float(_cone(size[0], size[1], x, y, z))
-    p = (x, y, z)
+def _mesh(scene: Scene, shape: int, x: float, y: float, z: float) -> float:
+    p = _to_shape_frame(scene.shapes, shape, x, y, z)
     distance = float(_mesh_surface(scene, shape, p))
-    if size[0] > 0.0 and _is_inside_mesh(scene, shape, p):
-        return -distance
+    if scene.shapes[shape, _SIZE] > 0.0 and _is_inside_mesh(scene, shape, p):
+        distance = -distance
     return distance
 
 
 @njit(cache=True, nogil=True)
+def _to_shape_frame(shapes: FloatArray, shape: int, x: float, y: float, z: float) -> Triple:
+    dx = x - shapes[shape, _ORIGIN]
+    dy = y - shapes[shape, _ORIGIN + 1]
+    dz = z - shapes[shape, _ORIGIN + 2]
+    k = _ROTATION
+    return (
+        shapes[shape, k] * dx + shapes[shape, k + 3] * dy + shapes[shape, k + 6] * dz,
+        shapes[shape, k + 1] * dx + shapes[shape, k + 4] * dy + shapes[shape, k + 7] * dz,
+        shapes[shape, k + 2] * dx + shapes[shape, k + 5] * dy + shapes[shape, k + 8] * dz,
+    )
+
+
+@njit(cache=True, nogil=True)
+def _primitive(shapes: FloatArray, shape: int, x: float, y: float, z: float) -> float:
+    x, y, z = _to_shape_frame(shapes, shape, x, y, z)
+    kind, size = shapes[shape, 0], shapes[shape, _SIZE]
+    if kind == BOX:
+        return float(_box(size, shapes[shape, _SIZE + 1], shapes[shape, _SIZE + 2], x, y, z))
+    if kind == SPHERE:
+        return float(math.sqrt(x * x + y * y + z * z) - size)
+    if kind == CYLINDER:
+        return float(_cylinder(size, shapes[shape, _SIZE + 1], x, y, z))
+    return float(_cone(size, shapes[shape, _SIZE + 1], x, y, z))
+
+
+# Inlined by numba itself: handing the arrays of a scene to a function takes longer than a distance.
+@njit(cache=True, nogil=True, inline="always")
 def distance_to(scene: Scene, shape: int, x: float, y: float, z: float) -> float:
     """Return the signed distance from a point of the object's frame to a thickened occlusion, metres."""
-    R, origin = scene.rotations[shape], scene.origins[shape]
-    dx, dy, dz = x - origin[0], y - origin[1], z - origin[2]
-    local_x = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
-    local_y = R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz
-    local_z = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
-    distance = distance_in_shape_frame(scene, shape, local_x, local_y, local_z)
-    return float(distance - scene.margins[shape])
+    if scene.shapes[shape, 0] == MESH:
+        distance = _mesh(scene, shape, x, y, z)
+    else:
+        distance = _primitive(scene.shapes, shape, x, y, z)
+    return distance - scene.shapes[shape, _MARGIN]  # type: ignore[no-any-return]
 
 
 @njit(cache=True, nogil=True)

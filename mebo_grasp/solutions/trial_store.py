@@ -194,16 +194,28 @@ class TrialStore:
         Raises:
             ArchiveError: the trial cannot be written; nothing of it is stored then.
         """
-        if not 0 <= stamped.stamp_ns <= LARGEST_STAMP_NS:
-            raise ArchiveError(
-                f"stamp {stamped.stamp_ns} ns is outside 0 to {LARGEST_STAMP_NS} and cannot be stored"
-            )
+        return self.insert_many([(stamped, volume)]) == 1
+
+    def insert_many(self, trials: list[tuple[StampedGrasp, PackedVolume | None]]) -> int:
+        """Write trials in one transaction; return how many were new.
+
+        Args:
+            trials: each with the capsules of the hand, if known.
+
+        Raises:
+            ArchiveError: a trial cannot be written; none of them is stored then.
+        """
+        for stamped, _ in trials:
+            if not 0 <= stamped.stamp_ns <= LARGEST_STAMP_NS:
+                raise ArchiveError(
+                    f"stamp {stamped.stamp_ns} ns is outside 0 to {LARGEST_STAMP_NS}, it cannot be stored"
+                )
         session, object_key = self._session, self._object_key
         try:
             with self._transaction("write to") as connection:
                 if session == NOT_STORED:
                     self._begin_session(connection)
-                return self._insert(connection, stamped, volume)
+                return sum(self._insert(connection, *trial) for trial in trials)
         except BaseException:
             self._session, self._object_key = session, object_key
             raise
