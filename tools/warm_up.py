@@ -19,10 +19,10 @@ from mebo_grasp.optimization.optimizer import Optimizer, OptimizerSettings
 from mebo_grasp.optimization.search_space import SearchSpace
 from mebo_grasp.solutions.archive import SolutionArchive
 from mebo_grasp.solutions.best_grasp import BestGraspQuery
-from mebo_grasp.solutions.occlusion import Box, Cone, Cylinder, Occlusion, Sphere
+from mebo_grasp.solutions.occlusion import Box, Cone, Cylinder, Occlusion, Shape, Sphere
 
 TRIALS = 30
-SHAPES = (Box((0.1, 0.1, 0.1)), Sphere(0.05), Cylinder(0.1, 0.02), Cone(0.1, 0.02))
+SHAPES: tuple[Shape, ...] = (Box((0.1, 0.1, 0.1)), Sphere(0.05), Cylinder(0.1, 0.02), Cone(0.1, 0.02))
 
 
 def run_trials() -> list[Grasp]:

@@ -45,9 +45,12 @@ class HandArrays(NamedTuple):
         sphere_start: (P + 1,) first covering sphere of each shape.
         sphere_center: (S, 3) group frame.
         sphere_radius: (S,)
-        sphere_inside: (S,) whether the sphere's centre lies inside the shape.
         reach: (P, J) bound on the distance of a shape's points from the axis of joint j of its finger.
-        pairs: (P, P) whether two shapes are tested against each other; rows move.
+        ball: (P,) radius of a sphere about the middle of the ends that holds the shape.
+        pair_start: (P + 1,) first of each shape's partners in tests of the hand against itself.
+        pair_other: those partners.
+        slab_normal: (F, 3) common direction of a finger's joint axes, TCP frame.
+        slab: (F, 2) range along it that the finger's shapes never leave; infinite if the axes are not parallel.
     """
 
     joint_count: IntArray
@@ -67,7 +70,11 @@ class HandArrays(NamedTuple):
     sphere_center: FloatArray
     sphere_radius: FloatArray
     reach: FloatArray
-    pairs: npt.NDArray[np.bool_]
+    ball: FloatArray
+    pair_start: IntArray
+    pair_other: IntArray
+    slab_normal: FloatArray
+    slab: FloatArray
 
 
 class HandLayout(NamedTuple):
@@ -108,7 +115,8 @@ def build_hand_arrays(hand: HandModel, posture: HandPosture) -> tuple[HandArrays
         np.searchsorted(shape_group, np.arange(static + 2)).astype(np.int64),
         ends, radius, kind, box, sphere_start, centers, radii,
         _reaches(chain_data[1], shape_group, centers, radii, sphere_start, static),
-        _pairs(order, shape_group, static, hand),
+        np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / 2.0 + radius + np.linalg.norm(box[:, 3], axis=1),
+        *_pairs(shape_group, static), *_slabs(chain_data, shape_group, ends, radius, kind),
     )
     return arrays, HandLayout(tuple(order), T, tuple(chains))
 
@@ -210,22 +218,52 @@ def _reaches(
     return reach
 
 
-def _pairs(
-    shapes: list[LinkShape], shape_group: IntArray, static: int, hand: HandModel
-) -> npt.NDArray[np.bool_]:
+def _slabs(
+    chains: tuple[IntArray, ...], shape_group: IntArray, ends: FloatArray, radius: FloatArray, kind: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Find the slab that each finger moves in: joints with parallel axes keep all points' height along them."""
+    counts, fixed, axis = chains[:3]
+    F = len(counts)
+    normals, slabs = np.tile([0.0, 0.0, 1.0], (F, 1)), np.tile([-np.inf, np.inf], (F, 1))
+    for f in range(F):
+        T, heights, parallel = np.eye(4), [], True
+        normals[f] = fixed[f, 0, :3, :3] @ axis[f, 0]
+        for j in range(counts[f]):
+            T = T @ fixed[f, j]
+            parallel = parallel and bool(np.allclose(T[:3, :3] @ axis[f, j], normals[f], atol=1e-7))
+            for shape in np.flatnonzero(shape_group == f * MOST_JOINTS + j):
+                parallel = parallel and kind[shape] == ROUND
+                along = (ends[shape] @ T[:3, :3].T + T[:3, 3]) @ normals[f]
+                heights += [along.min() - radius[shape], along.max() + radius[shape]]
+        if parallel and heights:
+            slabs[f] = min(heights) - 1e-6, max(heights) + 1e-6
+    return normals, slabs
+
+
+def _pairs(shape_group: IntArray, static: int) -> tuple[IntArray, IntArray]:
     """Say which shapes are tested against each other: links of different fingers, and outer links against the rest.
 
     The first closing link of a finger always overlaps its base, so it is tested against other fingers only.
     """
-    n = len(shapes)
-    pairs = np.zeros((n, n), dtype=bool)
-    for i in range(n):
-        if shape_group[i] == static:
-            continue
-        f, j = divmod(int(shape_group[i]), MOST_JOINTS)
-        for k in range(n):
-            if shape_group[k] == static:
-                pairs[i, k] = j >= 1
-            else:
-                pairs[i, k] = int(shape_group[k]) // MOST_JOINTS != f
-    return pairs
+    start, others = [0], []
+    for group in shape_group:
+        f, j = divmod(int(group), MOST_JOINTS)
+        for k, other_group in enumerate(shape_group):
+            if group == static:
+                continue
+            if (other_group == static and j >= 1) or (other_group != static and int(other_group) // MOST_JOINTS != f):
+                others.append(k)
+        start.append(len(others))
+    return np.array(start, dtype=np.int64), np.array(others, dtype=np.int64)
+
+
+def without_pairs(hand: HandArrays, touching: list[tuple[int, int]]) -> HandArrays:
+    """Return the hand with some pairs of shapes exempted from the test of the hand against itself."""
+    start, others = [0], []
+    for shape in range(len(hand.shape_group)):
+        partners = hand.pair_other[hand.pair_start[shape] : hand.pair_start[shape + 1]]
+        others.extend(int(other) for other in partners if (shape, int(other)) not in touching)
+        start.append(len(others))
+    return hand._replace(
+        pair_start=np.array(start, dtype=np.int64), pair_other=np.array(others, dtype=np.int64)
+    )

@@ -9,11 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, HandPosture, Pose
-from mebo_grasp.grasping import closing
-from mebo_grasp.grasping.bullet_world import BulletWorld
-from mebo_grasp.grasping.closing import ASKED, NOTES, ClosingRule
+from mebo_grasp.grasping import closing, hand_motion
+from mebo_grasp.grasping.bullet_world import QUERY_RANGE, BulletWorld
+from mebo_grasp.grasping.closing import ClosingRule
 from mebo_grasp.grasping.distance_field import build_field
-from mebo_grasp.grasping.hand_arrays import FREE_AT_START, MOST_JOINTS, build_hand_arrays
+from mebo_grasp.grasping.hand_arrays import MOST_JOINTS, build_hand_arrays
+from mebo_grasp.grasping.hand_motion import exempt_touching_pairs
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.quality import GraspMetrics, measure
 from mebo_grasp.grasping.target_object import TargetObject
@@ -38,9 +39,10 @@ class GraspSimulator:
         self.target = target
         self.hand = hand
         self.settings = settings or TrialSettings()
-        self._arrays, self._layout = build_hand_arrays(hand, hand.preshape)
+        arrays, self._layout = build_hand_arrays(hand, hand.preshape)
+        self._arrays = exempt_touching_pairs(arrays)
         self._state = closing.new_state(self._arrays)
-        closing.drop_touching_pairs(self._arrays, self._state, FREE_AT_START)
+        self._poses = hand_motion.new_poses(self._arrays)
         self._field = build_field(target.mesh, target.solid_parts)
         self._rule = ClosingRule(self.settings.step, self.settings.gap_tolerance, self.settings.whole_finger)
         self._asked = np.zeros(len(self._arrays.shape_group), dtype=np.bool_)
@@ -58,7 +60,8 @@ class GraspSimulator:
             hand does not touch it, and GRASPED otherwise.
         """
         begun = time.perf_counter()
-        closing.begin(self._arrays, self._state, T_object_tcp.matrix)
+        hand_motion.place_hand(self._arrays, self._poses, T_object_tcp.matrix)
+        closing.begin(self._state)
         if self._collides():
             return self._grasp(T_object_tcp, GraspOutcome.COLLISION, (), GraspMetrics(), begun)
         self._close_fingers()
@@ -81,34 +84,31 @@ class GraspSimulator:
         self.close()
 
     def _collides(self) -> bool:
-        state = self._state
-        self._asked[:] = False
-        if closing.starts_in_collision(self._arrays, self._field, state, self._asked):
+        if hand_motion.starts_in_collision(self._arrays, self._field, self._poses, self._asked):
             return True
         for shape in np.flatnonzero(self._asked):
             gap, _, _ = self._world.closest(shape, self._group_pose(shape))
             if gap <= 0.0:
                 return True
+            self._poses.bound[shape] = gap
         return False
 
     def _close_fingers(self) -> None:
-        state = self._state
-        while closing.advance(self._arrays, self._field, self._rule, state) != closing.DONE:
-            shape = int(state.cursor[ASKED])
-            pose = state.trial_pose[self._arrays.shape_group[shape] % MOST_JOINTS]
-            gap, _, _ = self._world.closest(shape, pose)
-            state.note_gap[state.cursor[NOTES]] = gap
-            state.cursor[NOTES] += 1
+        arrays, poses, state = self._arrays, self._poses, self._state
+        while (shape := closing.advance(arrays, self._field, self._rule, poses, state)) != closing.DONE:
+            gap, _, _ = self._world.closest(shape, poses.trial[arrays.shape_group[shape] % MOST_JOINTS])
+            closing.answer(state, gap)
 
     def _contacts(self) -> tuple[GraspContact, ...]:
         """Return a contact for each link that touches, at the final posture."""
         contacts = []
+        pressing = self._pressing() if self.settings.contact_rule == "pressing" else set()
         for shape in range(len(self._layout.shapes)):
-            reach = self._contact_reach(shape)
+            reach = self._contact_reach(shape, shape in pressing)
             if reach <= 0.0:
                 continue
             pose = self._group_pose(shape)
-            lower, _ = closing.gap_bounds(self._arrays, self._field, pose, shape)
+            lower, _ = hand_motion.gap_bounds(self._arrays, self._field, pose, shape)
             if lower > reach:
                 continue
             gap, point, inward = self._world.closest(shape, pose)
@@ -117,23 +117,38 @@ class GraspSimulator:
                 contacts.append(GraspContact(self._layout.shapes[shape].link, np.array(point), normal))
         return tuple(contacts)
 
-    def _contact_reach(self, shape: int) -> float:
+    def _pressing(self) -> set[int]:
+        """Return the shapes that one more step of one joint would bring into the object."""
+        arrays, poses, pressing = self._arrays, self._poses, set()
+        for f in range(len(arrays.joint_count)):
+            for j in range(arrays.joint_count[f]):
+                value = poses.joints[f, j] + self._rule.step * arrays.speed[f, j]
+                if not arrays.lower[f, j] <= value <= arrays.upper[f, j]:
+                    continue
+                hand_motion.try_joint_value(arrays, poses, f, j, value)
+                for shape in np.flatnonzero(arrays.shape_group // MOST_JOINTS == f):
+                    i = arrays.shape_group[shape] % MOST_JOINTS
+                    if i < j or hand_motion.gap_bounds(arrays, self._field, poses.trial[i], shape)[0] > 0.0:
+                        continue
+                    if self._world.closest(shape, poses.trial[i])[0] <= 0.0:
+                        pressing.add(int(shape))
+        return pressing
+
+    def _contact_reach(self, shape: int, pressing: bool) -> float:
         """Return the gap within which a shape gives a contact; 0 if it gives none."""
         if self._arrays.shape_group[shape] == self._static_group:
             return self.settings.palm_distance if self.settings.palm_contacts else 0.0
-        if self.settings.contact_rule == "pressing":
-            return np.inf if bool(self._state.pressing[:, shape].any()) else 0.0
-        return self.settings.gap_tolerance
+        return QUERY_RANGE if pressing else self.settings.gap_tolerance
 
     def _group_pose(self, shape: int) -> FloatArray:
-        pose: FloatArray = self._state.group_pose[self._arrays.shape_group[shape]]
+        pose: FloatArray = self._poses.group[self._arrays.shape_group[shape]]
         return pose
 
     def _posture(self) -> HandPosture:
         values = dict(zip(self.hand.preshape.names, self.hand.preshape.positions, strict=True))
         for f, joints in enumerate(self._layout.joints):
             for j, name in enumerate(joints):
-                values[name] = float(self._state.joints[f, j])
+                values[name] = float(self._poses.joints[f, j])
         return HandPosture(tuple(values), tuple(values.values()))
 
     def _grasp(

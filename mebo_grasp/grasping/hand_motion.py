@@ -1,0 +1,383 @@
+"""Poses, gap bounds and self-distances of a hand in motion, compiled.
+
+T is always a pose in the object's frame, (4, 4). For groups and shapes see ``hand_arrays``.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from mebo_grasp.grasping.distance_field import DistanceField, sample
+from mebo_grasp.grasping.hand_arrays import BOX, FREE_AT_START, MOST_JOINTS, HandArrays, without_pairs
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+SELF_GAP_OF_INTEREST = 1e-3
+"""Gaps between links beyond this need not be exact, metres."""
+
+
+class HandPoses(NamedTuple):
+    """Where the hand is, and what is known of its gaps there.
+
+    Attributes:
+        T: (4, 4) pose of the TCP.
+        joints: (F, J) present values, radians.
+        group: (G, 4, 4) pose of every group at ``joints``.
+        trial: (J, 4, 4) poses of one finger's groups during a step that is being tried.
+        ends: (P, 2, 3) capsule ends of each shape at ``joints``; of a box its centre twice.
+        bound: (P,) lower bound on each shape's gap to the object, carried along while it moves.
+        slab_normal: (F, 3) normal of the slab that each finger never leaves.
+        slab: (F, 2) range of the slab along its normal.
+    """
+
+    T: FloatArray
+    joints: FloatArray
+    group: FloatArray
+    trial: FloatArray
+    ends: FloatArray
+    bound: FloatArray
+    slab_normal: FloatArray
+    slab: FloatArray
+
+
+def new_poses(hand: HandArrays) -> HandPoses:
+    """Allocate the poses of a hand."""
+    F, J = hand.start.shape
+    return HandPoses(
+        np.eye(4), np.zeros((F, J)), np.tile(np.eye(4), (F * J + 1, 1, 1)), np.tile(np.eye(4), (J, 1, 1)),
+        np.zeros((len(hand.shape_group), 2, 3)), np.zeros(len(hand.shape_group)),
+        np.zeros((F, 3)), np.zeros((F, 2)),
+    )
+
+
+@njit(cache=True)
+def _joint_pose(before: FloatArray, fixed: FloatArray, axis: FloatArray, angle: float, out: FloatArray) -> None:
+    """Write ``before @ fixed @ turn(axis, angle)``."""
+    c, s = np.cos(angle), np.sin(angle)
+    x, y, z = axis[0], axis[1], axis[2]
+    u = 1.0 - c
+    r00, r01, r02 = c + u * x * x, u * x * y - s * z, u * x * z + s * y
+    r10, r11, r12 = u * x * y + s * z, c + u * y * y, u * y * z - s * x
+    r20, r21, r22 = u * x * z - s * y, u * y * z + s * x, c + u * z * z
+    for i in range(3):
+        p, q, r = before[i, 0], before[i, 1], before[i, 2]
+        a = p * fixed[0, 0] + q * fixed[1, 0] + r * fixed[2, 0]
+        b = p * fixed[0, 1] + q * fixed[1, 1] + r * fixed[2, 1]
+        d = p * fixed[0, 2] + q * fixed[1, 2] + r * fixed[2, 2]
+        out[i, 0] = a * r00 + b * r10 + d * r20
+        out[i, 1] = a * r01 + b * r11 + d * r21
+        out[i, 2] = a * r02 + b * r12 + d * r22
+        out[i, 3] = p * fixed[0, 3] + q * fixed[1, 3] + r * fixed[2, 3] + before[i, 3]
+
+
+@njit(cache=True)
+def _shape_ends(hand: HandArrays, pose: FloatArray, shape: int, out: FloatArray) -> None:
+    for which in range(2):
+        c = hand.ends[shape, which]
+        for k in range(3):
+            out[which, k] = pose[k, 0] * c[0] + pose[k, 1] * c[1] + pose[k, 2] * c[2] + pose[k, 3]
+
+
+@njit(cache=True)
+def _place_ends(hand: HandArrays, poses: HandPoses, group: int) -> None:
+    for shape in range(hand.group_shapes[group], hand.group_shapes[group + 1]):
+        _shape_ends(hand, poses.group[group], shape, poses.ends[shape])
+
+
+@njit(cache=True)
+def place_hand(hand: HandArrays, poses: HandPoses, T: FloatArray) -> None:
+    """Place the open hand; nothing is known of its gaps yet."""
+    poses.T[:] = T
+    poses.joints[:] = hand.start
+    F = hand.joint_count.shape[0]
+    for f in range(F):
+        place_finger(hand, poses, f, 0)
+    poses.group[F * MOST_JOINTS] = T
+    _place_ends(hand, poses, F * MOST_JOINTS)
+    poses.bound[:] = -np.inf
+    for f in range(F):
+        offset = 0.0
+        for i in range(3):
+            n = T[i, 0] * hand.slab_normal[f, 0] + T[i, 1] * hand.slab_normal[f, 1] + T[i, 2] * hand.slab_normal[f, 2]
+            poses.slab_normal[f, i] = n
+            offset += n * T[i, 3]
+        poses.slab[f, 0] = hand.slab[f, 0] + offset
+        poses.slab[f, 1] = hand.slab[f, 1] + offset
+
+
+@njit(cache=True)
+def place_finger(hand: HandArrays, poses: HandPoses, f: int, first: int) -> None:
+    """Bring a finger's group poses up to date from joint ``first`` on."""
+    for j in range(first, hand.joint_count[f]):
+        group = f * MOST_JOINTS + j
+        before = poses.T if j == 0 else poses.group[group - 1]
+        _joint_pose(before, hand.fixed[f, j], hand.axis[f, j], poses.joints[f, j], poses.group[group])
+        _place_ends(hand, poses, group)
+
+
+@njit(cache=True)
+def try_joint_value(hand: HandArrays, poses: HandPoses, f: int, moved: int, value: float) -> None:
+    """Write the poses that a finger would have with one joint at another value into ``poses.trial``."""
+    for j in range(moved, hand.joint_count[f]):
+        if j == 0:
+            before = poses.T
+        elif j == moved:
+            before = poses.group[f * MOST_JOINTS + j - 1]
+        else:
+            before = poses.trial[j - 1]
+        angle = value if j == moved else poses.joints[f, j]
+        _joint_pose(before, hand.fixed[f, j], hand.axis[f, j], angle, poses.trial[j])
+
+
+@njit(cache=True)
+def gap_bounds(hand: HandArrays, field: DistanceField, pose: FloatArray, shape: int) -> tuple[float, float]:
+    """Return a lower and an upper bound on the gap between a shape and the object."""
+    lower, upper = np.inf, np.inf
+    for s in range(hand.sphere_start[shape], hand.sphere_start[shape + 1]):
+        c = hand.sphere_center[s]
+        x = pose[0, 0] * c[0] + pose[0, 1] * c[1] + pose[0, 2] * c[2] + pose[0, 3]
+        y = pose[1, 0] * c[0] + pose[1, 1] * c[1] + pose[1, 2] * c[2] + pose[1, 3]
+        z = pose[2, 0] * c[0] + pose[2, 1] * c[1] + pose[2, 2] * c[2] + pose[2, 3]
+        d = sample(field, x, y, z)
+        lower = min(lower, d - field.slack - hand.sphere_radius[s])
+        upper = min(upper, d + field.slack)
+    return lower, upper
+
+
+@njit(cache=True)
+def starts_in_collision(
+    hand: HandArrays, field: DistanceField, poses: HandPoses, asked: npt.NDArray[np.bool_]
+) -> bool:
+    """Mark the shapes that need an exact query; True if the field alone proves a collision."""
+    asked[:] = False
+    for shape in range(hand.shape_group.shape[0]):
+        lower, upper = gap_bounds(hand, field, poses.group[hand.shape_group[shape]], shape)
+        if upper < 0.0:
+            return True
+        poses.bound[shape] = lower
+        asked[shape] = lower <= 0.0
+    return False
+
+
+@njit(cache=True)
+def shape_motion(hand: HandArrays, shape: int, f: int, step: float) -> float:
+    """Bound how far a shape moves when all joints before it in its finger make one step."""
+    total = 0.0
+    for i in range(hand.joint_count[f]):
+        total += abs(hand.speed[f, i]) * hand.reach[shape, i]
+    return total * step
+
+
+@njit(cache=True)
+def carry_bounds(hand: HandArrays, poses: HandPoses, f: int, j: int, turn: float) -> None:
+    """Lower the bounds on gaps after joint j of finger f has turned by ``turn`` radians."""
+    for group in range(f * MOST_JOINTS + j, (f + 1) * MOST_JOINTS):
+        for shape in range(hand.group_shapes[group], hand.group_shapes[group + 1]):
+            poses.bound[shape] -= abs(turn) * hand.reach[shape, j]
+
+
+@njit(cache=True)
+def _segment_segment(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> float:
+    """Return the distance between segments pq and rs (Ericson, 2005, section 5.1.9)."""
+    a = e = b = c = f = 0.0
+    for k in range(3):
+        d1, d2, w = q[k] - p[k], s[k] - r[k], p[k] - r[k]
+        a += d1 * d1
+        e += d2 * d2
+        b += d1 * d2
+        c += d1 * w
+        f += d2 * w
+    if a <= 1e-18:
+        t = 0.0
+        u = min(max(f / e, 0.0), 1.0) if e > 1e-18 else 0.0
+    elif e <= 1e-18:
+        u = 0.0
+        t = min(max(-c / a, 0.0), 1.0)
+    else:
+        denominator = a * e - b * b
+        t = min(max((b * f - c * e) / denominator, 0.0), 1.0) if denominator > 1e-18 else 0.0
+        u = (b * t + f) / e
+        if u < 0.0:
+            u = 0.0
+            t = min(max(-c / a, 0.0), 1.0)
+        elif u > 1.0:
+            u = 1.0
+            t = min(max((b - c) / a, 0.0), 1.0)
+    total = 0.0
+    for k in range(3):
+        total += (p[k] + t * (q[k] - p[k]) - r[k] - u * (s[k] - r[k])) ** 2
+    return np.sqrt(total)
+
+
+@njit(cache=True)
+def _into_box_frame(p: FloatArray, box: FloatArray, center: FloatArray, pose: FloatArray, out: FloatArray) -> None:
+    """Write a point's coordinates along the axes of a box, from its centre; box rows are its axes in the group."""
+    local = np.empty(3)
+    for m in range(3):
+        total = 0.0
+        for k in range(3):
+            total += pose[k, m] * (p[k] - pose[k, 3])
+        local[m] = total - center[m]
+    for row in range(3):
+        out[row] = box[row, 0] * local[0] + box[row, 1] * local[1] + box[row, 2] * local[2]
+
+
+@njit(cache=True)
+def _box_excess(a: FloatArray, b: FloatArray, t: float, half: FloatArray) -> float:
+    """Return the distance from the point at t on ab to a box about the origin, 0 inside."""
+    total = 0.0
+    for k in range(3):
+        excess = max(abs(a[k] + t * (b[k] - a[k])) - half[k], 0.0)
+        total += excess * excess
+    return np.sqrt(total)
+
+
+@njit(cache=True)
+def _excess_slope(a: FloatArray, b: FloatArray, t: float, half: FloatArray) -> float:
+    """Return half the derivative of the squared ``_box_excess`` by t."""
+    total = 0.0
+    for k in range(3):
+        at = a[k] + t * (b[k] - a[k])
+        if at > half[k]:
+            total += (at - half[k]) * (b[k] - a[k])
+        elif at < -half[k]:
+            total += (at + half[k]) * (b[k] - a[k])
+    return total
+
+
+@njit(cache=True)
+def _segment_box(
+    p: FloatArray, q: FloatArray, box: FloatArray, center: FloatArray, pose: FloatArray, enough: float
+) -> float:
+    """Return the distance between a segment and a box: a convex function of the place on the segment.
+
+    Beyond ``enough`` it may be a lower bound, itself beyond ``enough``.
+    """
+    a, b = np.empty(3), np.empty(3)
+    _into_box_frame(p, box, center, pose, a)
+    _into_box_frame(q, box, center, pose, b)
+    low, high = 0.0, 1.0
+    apart2 = 0.0
+    for k in range(3):
+        apart = max(min(a[k], b[k]) - box[3, k], -max(a[k], b[k]) - box[3, k], 0.0)
+        apart2 += apart * apart
+    if apart2 > enough * enough:
+        return np.sqrt(apart2)
+    # The slope of the squared distance grows along the segment: find where it changes sign.
+    low, high = 0.0, 1.0
+    low_slope, high_slope = _excess_slope(a, b, 0.0, box[3]), _excess_slope(a, b, 1.0, box[3])
+    if low_slope >= 0.0:
+        return _box_excess(a, b, 0.0, box[3])
+    if high_slope <= 0.0:
+        return _box_excess(a, b, 1.0, box[3])
+    for _ in range(32):
+        t = low - low_slope * (high - low) / (high_slope - low_slope)
+        slope = _excess_slope(a, b, t, box[3])
+        if abs(slope) < 1e-13 or high - low < 1e-9:
+            break
+        if slope < 0.0:
+            low, low_slope, high_slope = t, slope, 0.5 * high_slope
+        else:
+            high, high_slope, low_slope = t, slope, 0.5 * low_slope
+    return _box_excess(a, b, t, box[3])
+
+
+@njit(cache=True)
+def _self_gap(hand: HandArrays, poses: HandPoses, shape: int, ends: FloatArray, other: int, enough: float) -> float:
+    """Return the gap between a shape (no box) with its ends at ``ends`` and another one of the hand.
+
+    Beyond ``enough`` it may be a lower bound from bounding spheres instead, itself beyond ``enough``.
+    """
+    apart2 = 0.0
+    for k in range(3):
+        apart = ends[0, k] + ends[1, k] - poses.ends[other, 0, k] - poses.ends[other, 1, k]
+        apart2 += 0.25 * apart * apart
+    needed = enough + hand.ball[shape] + hand.ball[other]
+    if apart2 > needed * needed:
+        return np.sqrt(apart2) - hand.ball[shape] - hand.ball[other]
+    if hand.kind[other] == BOX:
+        pose = poses.group[hand.shape_group[other]]
+        needed = enough + hand.radius[shape]
+        apart = _segment_box(ends[0], ends[1], hand.box[other], hand.ends[other, 0], pose, needed)
+        return apart - hand.radius[shape]
+    apart = _segment_segment(ends[0], ends[1], poses.ends[other, 0], poses.ends[other, 1])
+    return apart - hand.radius[shape] - hand.radius[other]
+
+
+@njit(cache=True)
+def _slab_gap(hand: HandArrays, poses: HandPoses, shape: int, ends: FloatArray, g: int) -> float:
+    """Return the gap between a shape and the slab of finger g; negative if they overlap."""
+    first = last = 0.0
+    for k in range(3):
+        first += poses.slab_normal[g, k] * ends[0, k]
+        last += poses.slab_normal[g, k] * ends[1, k]
+    above, below = min(first, last) - poses.slab[g, 1], poses.slab[g, 0] - max(first, last)
+    return max(above, below) - hand.radius[shape]
+
+
+@njit(cache=True)
+def _gap_of_shape(hand: HandArrays, poses: HandPoses, shape: int, ends: FloatArray, f: int) -> float:
+    """Return the smallest gap between a shape of finger f with its ends at ``ends`` and the rest of the hand."""
+    smallest, clear = np.inf, -1
+    for i in range(hand.pair_start[shape], hand.pair_start[shape + 1]):
+        other = hand.pair_other[i]
+        g = hand.shape_group[other] // MOST_JOINTS
+        if g == clear:
+            continue
+        if g < hand.slab.shape[0]:
+            apart = _slab_gap(hand, poses, shape, ends, g)
+            if apart > SELF_GAP_OF_INTEREST:
+                clear = g
+                smallest = min(smallest, apart)
+                continue
+        smallest = min(smallest, _self_gap(hand, poses, shape, ends, other, min(smallest, SELF_GAP_OF_INTEREST)))
+    return smallest
+
+
+@njit(cache=True)
+def self_gap_of_finger(hand: HandArrays, poses: HandPoses, f: int, first: int, trying: bool) -> float:
+    """Return the smallest gap between a finger, from a joint on, and the rest of the hand.
+
+    Args:
+        hand, poses: the hand and where it is.
+        f: the finger.
+        first: joint from which on its links count.
+        trying: whether the finger stands at ``poses.trial`` rather than at its present posture.
+
+    Returns:
+        The gap, metres; beyond ``SELF_GAP_OF_INTEREST`` a lower bound.
+    """
+    smallest = np.inf
+    ends = np.empty((2, 3))
+    for j in range(first, hand.joint_count[f]):
+        group = f * MOST_JOINTS + j
+        for shape in range(hand.group_shapes[group], hand.group_shapes[group + 1]):
+            if trying:
+                _shape_ends(hand, poses.trial[j], shape, ends)
+            else:
+                ends[:] = poses.ends[shape]
+            smallest = min(smallest, _gap_of_shape(hand, poses, shape, ends, f))
+    return smallest
+
+
+def exempt_touching_pairs(hand: HandArrays) -> HandArrays:
+    """Exempt pairs of links that touch in the open hand from the test of the hand against itself."""
+    poses = new_poses(hand)
+    place_hand(hand, poses, np.eye(4))
+    touching = []
+    for shape in range(len(hand.shape_group)):
+        for other in hand.pair_other[hand.pair_start[shape] : hand.pair_start[shape + 1]]:
+            if open_hand_gap(hand, poses, shape, int(other)) < FREE_AT_START:
+                touching += [(shape, int(other)), (int(other), shape)]
+    return without_pairs(hand, touching)
+
+
+@njit(cache=True)
+def open_hand_gap(hand: HandArrays, poses: HandPoses, shape: int, other: int) -> float:
+    """Return the gap between two shapes, the first no box, where the hand now is."""
+    return _self_gap(hand, poses, shape, poses.ends[shape], other, np.inf)
