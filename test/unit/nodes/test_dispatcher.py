@@ -71,10 +71,10 @@ def test_a_silent_hand_gets_one_trial_as_a_probe_until_it_answers() -> None:
     dispatcher.add(["a", "b", "c"])
     assert len(dispatcher.assign(0.0, ["left"])) == 3
     dispatcher.expire(1.0)
-    assert dispatcher.silent_hands == ("left",)
+    assert list(dispatcher.silent_hands) == ["left"]
     (probe,) = dispatcher.assign(1.0, ["left"])
     assert dispatcher.answer(probe.stamp_ns) == probe.trial
-    assert dispatcher.silent_hands == ()
+    assert not dispatcher.silent_hands
     assert len(dispatcher.assign(1.1, ["left"])) == 2
 
 
