@@ -14,7 +14,12 @@ import numpy as np
 
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.surrogate import additive_pairs
-from mebo_grasp.optimization.surrogate.kernels import LogNormalPrior, lengthscale_prior, signal_prior
+from mebo_grasp.optimization.surrogate.kernels import (
+    Kernel,
+    LogNormalPrior,
+    lengthscale_prior,
+    signal_prior,
+)
 
 
 @dataclass(frozen=True)
@@ -92,3 +97,64 @@ ADDITIVE_MATERN52 = AdditiveKernel("additive_matern52")
 
 ADDITIVE_SQUARED_EXPONENTIAL = AdditiveKernel("additive_squared_exponential", smooth=True)
 """First-order additive squared exponential."""
+
+
+@dataclass(frozen=True)
+class SumKernel:
+    """Sum of two kernels; theta = (the first's, the second's).
+
+    Args:
+        first: its parameters come first.
+        second: the other one.
+    """
+
+    first: Kernel
+    second: Kernel
+
+    @property
+    def name(self) -> str:
+        """Name for logs and reports."""
+        return f"{self.first.name}+{self.second.name}"
+
+    def prior(self, dim: int) -> LogNormalPrior:
+        """Prior and search box of theta."""
+        return self.first.prior(dim) + self.second.prior(dim)
+
+    def _split(self, theta: FloatArray, dim: int) -> tuple[FloatArray, FloatArray]:
+        size = len(self.first.prior(dim).mean)
+        return theta[:size], theta[size:]
+
+    def matrix(self, A: FloatArray, U: FloatArray, theta: FloatArray) -> FloatArray:
+        """Covariances k(a_i, u_j), shape (m, n)."""
+        one, two = self._split(theta, U.shape[1])
+        K = self.first.matrix(A, U, one)
+        K += self.second.matrix(A, U, two)
+        return K
+
+    def diagonal(self, A: FloatArray, theta: FloatArray) -> FloatArray:
+        """Variances, shape (m,)."""
+        one, two = self._split(theta, A.shape[1])
+        return self.first.diagonal(A, one) + self.second.diagonal(A, two)
+
+    def parameter_gradient(self, U: FloatArray, theta: FloatArray, W: FloatArray) -> FloatArray:
+        """Return sum_ij W_ij dk(u_i, u_j)/dtheta, shape (p,)."""
+        one, two = self._split(theta, U.shape[1])
+        return np.concatenate(
+            [self.first.parameter_gradient(U, one, W), self.second.parameter_gradient(U, two, W)]
+        )
+
+    def input_gradient(self, A: FloatArray, U: FloatArray, theta: FloatArray, W: FloatArray) -> FloatArray:
+        """Return sum_j W_ij dk(a_i, u_j)/da_i, shape (m, d)."""
+        one, two = self._split(theta, U.shape[1])
+        gradient: FloatArray = self.first.input_gradient(A, U, one, W)
+        return gradient + self.second.input_gradient(A, U, two, W)
+
+    def sample_features(
+        self, dim: int, theta: FloatArray, count: int, rng: np.random.Generator
+    ) -> Callable[[FloatArray], FloatArray]:
+        """Draw half of the features from each kernel."""
+        one, two = self._split(theta, dim)
+        half = count // 2
+        first = self.first.sample_features(dim, one, half, rng)
+        second = self.second.sample_features(dim, two, count - half, rng)
+        return lambda A: np.concatenate([first(A), second(A)], axis=1)

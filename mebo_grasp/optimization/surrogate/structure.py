@@ -1,7 +1,8 @@
 """A surrogate whose structure is chosen by evidence: which kernel, with which map of the inputs.
 
-The family is {Matérn 5/2, squared exponential} × {coupled ARD, additive} × {no warp, Kumaraswamy warp}, in
-two dimensions the additive ones also along turned axes. A member's worth is the Laplace approximation of
+The family is {Matérn 5/2 ARD, squared exponential ARD, additive Matérn 5/2, additive squared exponential,
+additive squared exponential + Matérn 5/2 ARD} × {no warp, Kumaraswamy warp}, in two dimensions the additive
+ones also along turned axes. A member's worth is the Laplace approximation of
 its log evidence: the posterior density at its best hyperparameters, less half a nat for each e-fold by
 which the data narrow a parameter's variance. All members are learned when the number of values has grown
 by a fixed factor; members that have fallen far behind are only refreshed then, and in between only those that
@@ -18,7 +19,11 @@ from scipy.optimize import minimize
 
 from mebo_grasp.errors import InvalidSettingsError, RunLogError
 from mebo_grasp.grasp import FloatArray
-from mebo_grasp.optimization.surrogate.additive import ADDITIVE_MATERN52, ADDITIVE_SQUARED_EXPONENTIAL
+from mebo_grasp.optimization.surrogate.additive import (
+    ADDITIVE_MATERN52,
+    ADDITIVE_SQUARED_EXPONENTIAL,
+    SumKernel,
+)
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess, Hyperparameters, standardize
 from mebo_grasp.optimization.surrogate.hyperparameters import log_posterior_and_gradient, subset
 from mebo_grasp.optimization.surrogate.kernels import MATERN52, SQUARED_EXPONENTIAL, Kernel, LogNormalPrior
@@ -29,6 +34,8 @@ START_LENGTHSCALES = (0.08, 0.25, 0.8)
 MAX_BELIEVED, SMALLEST_SHARE = 3, 0.05
 """Members that are believed at once, and the share of the best one's evidence below which one is not."""
 START_ANGLES = tuple(np.linspace(0.0, np.pi / 2.0, 8, endpoint=False))
+SMALL_REST = 0.05
+"""Variance at which a coupled rest starts."""
 _HESSIAN_STEP = 1e-3
 
 
@@ -63,21 +70,56 @@ class StructureSettings:
             raise InvalidSettingsError(f"need growth above 1 and all other numbers at least 1, got {self}")
 
 
+ADDITIVE_AND_COUPLED = SumKernel(ADDITIVE_SQUARED_EXPONENTIAL, MATERN52)
+"""For a function that is additive but for a coupled rest."""
+
+
+@dataclass(frozen=True)
+class Structure:
+    """A member of the family; theta = (the base's, the warp's, the angle).
+
+    Args:
+        base: kernel behind the maps.
+        warped: whether each dimension is warped.
+        turned: whether the axes are turned (before the warp).
+    """
+
+    base: Kernel
+    warped: bool = False
+    turned: bool = False
+
+    @property
+    def kernel(self) -> Kernel:
+        """The kernel with its maps."""
+        kernel = MappedKernel(self.base, KumaraswamyWarp()) if self.warped else self.base
+        return MappedKernel(kernel, Turn()) if self.turned else kernel
+
+    @property
+    def tail(self) -> int:
+        """Entries of a hyperparameter vector behind the warp's: the angle, if any, and the noise."""
+        return 2 if self.turned else 1
+
+
 @dataclass(frozen=True, eq=False)
 class Member:
     """A member of the family as learned last.
 
     Args:
-        kernel: covariance function with its map.
+        structure: what it is.
         vector: hyperparameters (theta, log noise), shape (p + 1,).
         value: log posterior density there; -inf if never learned.
         evidence: Laplace approximation of the log evidence; -inf if out of contention.
     """
 
-    kernel: Kernel
+    structure: Structure
     vector: FloatArray
     value: float = -np.inf
     evidence: float = -np.inf
+
+    @property
+    def kernel(self) -> Kernel:
+        """Covariance function with its maps."""
+        return self.structure.kernel
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,16 +145,16 @@ class Mixture:
         return Mixture(tuple(assumed), self.shares)
 
 
-def family(dim: int) -> tuple[Kernel, ...]:
-    """The kernels that are compared in ``dim`` dimensions, the plain ones first."""
-    bases: list[Kernel] = [MATERN52, SQUARED_EXPONENTIAL]
-    additive: list[Kernel] = [ADDITIVE_MATERN52, ADDITIVE_SQUARED_EXPONENTIAL] if dim > 1 else []
-    warp = KumaraswamyWarp()
-    members = bases + additive + [MappedKernel(kernel, warp) for kernel in bases + additive]
-    if dim == 2:
-        turned = additive + [MappedKernel(kernel, warp) for kernel in additive]
-        members += [MappedKernel(kernel, Turn()) for kernel in turned]
-    return tuple(members)
+def family(dim: int) -> tuple[Structure, ...]:
+    """The structures that are compared in ``dim`` dimensions; simpler ones come before those built on them."""
+    coupled = [Structure(MATERN52), Structure(SQUARED_EXPONENTIAL)]
+    additive: list[Structure] = []
+    if dim > 1:
+        bases: list[Kernel] = [ADDITIVE_MATERN52, ADDITIVE_SQUARED_EXPONENTIAL, ADDITIVE_AND_COUPLED]
+        turns = (False, True) if dim == 2 else (False,)
+        additive = [Structure(base, turned=turned) for turned in turns for base in bases]
+    plain = coupled + additive
+    return (*plain, *(replace(structure, warped=True) for structure in plain))
 
 
 def prior_of(kernel: Kernel, dim: int) -> LogNormalPrior:
@@ -120,47 +162,46 @@ def prior_of(kernel: Kernel, dim: int) -> LogNormalPrior:
     return kernel.prior(dim) + LogNormalPrior.repeated(1, 1e-6, 2.0, 1e-9, 1.0)
 
 
-def starts(kernel: Kernel, dim: int, known: dict[str, FloatArray]) -> list[FloatArray]:
+def starts(structure: Structure, dim: int, known: dict[Structure, FloatArray]) -> list[FloatArray]:
     """Starting points of a search, each shape (p + 1,).
 
     Args:
-        kernel: whose hyperparameters are sought.
+        structure: whose hyperparameters are sought.
         dim: number of dimensions.
-        known: hyperparameters of simpler members by name; a warp starts as the identity in front of what
-            its kernel has learned without it, so it never does worse.
+        known: hyperparameters of simpler structures. What is built on them starts from them, with a warp
+            that is the identity or a coupled rest that is small, so it hardly does worse.
     """
-    simpler = known.get(_without_warp(kernel).name)
-    if simpler is not None:
-        return [_with_identity_warp(kernel, simpler, dim)]
-    prior = prior_of(kernel, dim)
-    root = 1.0 if "additive" in kernel.name else np.sqrt(dim)
+    extended = []
+    if structure.warped:
+        simpler = known.get(replace(structure, warped=False))
+        if simpler is not None:
+            extended.append(_inserted(simpler, np.zeros(2 * dim), structure.tail))
+    if isinstance(structure.base, SumKernel):
+        simpler = known.get(replace(structure, base=structure.base.first))
+        if simpler is not None:
+            rest = structure.base.second.prior(dim).mean.copy()
+            rest[-1] = np.log(SMALL_REST)
+            behind = structure.tail + (2 * dim if structure.warped else 0)
+            extended.append(_inserted(simpler, rest, behind))
+    return extended or _cold_starts(structure, dim)
+
+
+def _inserted(vector: FloatArray, part: FloatArray, behind: int) -> FloatArray:
+    return np.concatenate([vector[:-behind], part, vector[-behind:]])
+
+
+def _cold_starts(structure: Structure, dim: int) -> list[FloatArray]:
+    prior = prior_of(structure.kernel, dim)
+    root = 1.0 if structure.base.name.startswith("additive") else np.sqrt(dim)
     points = []
     for lengthscale in START_LENGTHSCALES:
-        for angle in START_ANGLES if _is_turned(kernel) else (None,):
+        for angle in START_ANGLES if structure.turned else (None,):
             point = prior.mean.copy()
             point[:dim] = np.log(lengthscale * root)
             if angle is not None:
                 point[-2] = angle
             points.append(point)
     return points
-
-
-def _is_turned(kernel: Kernel) -> bool:
-    return isinstance(kernel, MappedKernel) and isinstance(kernel.map, Turn)
-
-
-def _without_warp(kernel: Kernel) -> Kernel:
-    if not isinstance(kernel, MappedKernel):
-        return kernel
-    if isinstance(kernel.map, KumaraswamyWarp):
-        return kernel.base
-    return MappedKernel(_without_warp(kernel.base), kernel.map)
-
-
-def _with_identity_warp(kernel: Kernel, simpler: FloatArray, dim: int) -> FloatArray:
-    # theta is (the innermost kernel's, the warp's, the angle if turned, log noise).
-    tail = 2 if _is_turned(kernel) else 1
-    return np.concatenate([simpler[:-tail], np.zeros(2 * dim), simpler[-tail:]])
 
 
 def climb(
@@ -229,7 +270,9 @@ class StructuredSurrogate:
         self._dim = dim
         self._period = relearn_period
         self._settings = settings or StructureSettings()
-        self._members = [Member(kernel, prior_of(kernel, dim).mean) for kernel in family(dim)]
+        self._members = [
+            Member(structure, prior_of(structure.kernel, dim).mean) for structure in family(dim)
+        ]
         self._believed: tuple[int, ...] = (0,)
         self._compared_at = 0
         self._since_learning: int | None = None
@@ -277,12 +320,12 @@ class StructuredSurrogate:
         first = not self._compared_at
         scouted: list[Member] = []
         for member in self._members:
-            known = {other.kernel.name: other.vector for other in scouted}
+            known = {other.structure: other.vector for other in scouted}
             scouted.append(self._scouted(member, *data, known, cold=first))
         best = max(member.value for member in scouted)
         learned: list[Member] = []
         for member in scouted:
-            known = {other.kernel.name: other.vector for other in learned}
+            known = {other.structure: other.vector for other in learned}
             hopeful = member.value >= best - self._settings.contention
             learned.append(
                 self._learned(member, *data, known, cold=not first)
@@ -303,7 +346,7 @@ class StructuredSurrogate:
         return tuple(int(i) for i in order[close]) or (0,)
 
     def _scouted(
-        self, member: Member, U: FloatArray, z: FloatArray, known: dict[str, FloatArray], cold: bool
+        self, member: Member, U: FloatArray, z: FloatArray, known: dict[Structure, FloatArray], cold: bool
     ) -> Member:
         """A few steps: from where the member was, or from all the starting points."""
         iterations = self._settings.scout_iterations
@@ -311,13 +354,13 @@ class StructuredSurrogate:
             return _climbed(member, U, z, self._settings.refresh_iterations)
         scouts = [
             _climbed(replace(member, vector=start), U, z, iterations)
-            for start in starts(member.kernel, self._dim, known)
+            for start in starts(member.structure, self._dim, known)
         ]
         best = max(scouts, key=lambda scout: scout.value)
         return _climbed(best, U, z, 3 * iterations)
 
     def _learned(
-        self, member: Member, U: FloatArray, z: FloatArray, known: dict[str, FloatArray], cold: bool
+        self, member: Member, U: FloatArray, z: FloatArray, known: dict[Structure, FloatArray], cold: bool
     ) -> Member:
         """Climb to the end and take the evidence; ``cold`` also looks for a better start."""
         if cold:
@@ -378,7 +421,7 @@ def _restored(member: Member, record: dict[str, Any]) -> Member:
     value, evidence = (
         -np.inf if record[key] is None else float(record[key]) for key in ("value", "evidence")
     )
-    return Member(member.kernel, vector, value, evidence)
+    return Member(member.structure, vector, value, evidence)
 
 
 def _fitted(member: Member, U: FloatArray, y: FloatArray) -> GaussianProcess:
