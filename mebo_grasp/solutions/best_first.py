@@ -197,12 +197,16 @@ def _look_at_grasp(scene: Scene, grasps: Grasps, row: int, mask: int, reach: flo
 
 
 @njit(cache=True, nogil=True)
-def _ask_hand(scene: Scene, grasps: Grasps, row: int, mask: int, wanted: Wanted) -> int:
+def _ask_hand(
+    scene: Scene, grasps: Grasps, row: int, mask: int, wanted: Wanted, favourite: int
+) -> int:
+    """Return a shape that meets the hand, or FREE; the favourite is asked first."""
     capsules = grasps.capsules[grasps.first_capsule[row] : grasps.first_capsule[row + 1]]
     hand = place_hand(grasps.positions[row], grasps.quaternions[row], capsules, wanted.approach)
     x, y, z = grasps.points[row, 0], grasps.points[row, 1], grasps.points[row, 2]
-    for shape in range(len(scene.shapes)):
-        if _is_masked_out(mask, shape):
+    for turn in range(-1, len(scene.shapes)):
+        shape = favourite if turn < 0 else turn
+        if turn == favourite or _is_masked_out(mask, shape):
             continue
         is_near = distance_to(scene, shape, x, y, z) <= grasps.outer[row]
         if hand_meets(scene, shape, hand, 0 if is_near else len(capsules)):
@@ -334,6 +338,7 @@ def search(
     _advance(scene, grasps, uncovered, wanted, taken, progress)
     if covered > 0:
         heapq.heappush(heap, (-bounds.best[0], NODE, zero, zero, every, nobody))
+    favourite = 0
     while len(heap) > 0 and len(taken) < wanted.number:
         key, kind, _, item, mask, following = heapq.heappop(heap)
         if -key < wanted.min_quality:
@@ -341,8 +346,10 @@ def search(
         if kind == NODE:
             _open_node(scene, tree, bounds, grasps, item, mask, wanted, taken, progress)
             continue
-        shape = _ask_hand(scene, grasps, item, mask, wanted) if mask != none else FREE
+        shape = _ask_hand(scene, grasps, item, mask, wanted, favourite) if mask != none else FREE
         if shape != FREE:
+            # What blocked one good grasp is likely to block the next.
+            favourite = shape
             blocked_grasps.append((item, np.int64(shape)))
         elif _is_diverse(grasps, item, taken, wanted):
             taken.append(item)

@@ -72,7 +72,7 @@ def _at(scene: Scene, shape: int, hand: FloatArray, k: int, t: float) -> float:
     x = hand[k, 0] + t * hand[k, 3]
     y = hand[k, 1] + t * hand[k, 4]
     z = hand[k, 2] + t * hand[k, 5]
-    return distance_to(scene, shape, x, y, z)  # type: ignore[no-any-return]
+    return distance_to(scene, shape, x, y, z)
 
 
 @njit(cache=True, nogil=True)

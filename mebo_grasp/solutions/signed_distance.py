@@ -256,7 +256,7 @@ def distance_to(scene: Scene, shape: int, x: float, y: float, z: float) -> float
         distance = _mesh(scene, shape, x, y, z)
     else:
         distance = _primitive(scene.shapes, shape, x, y, z)
-    return distance - scene.shapes[shape, _MARGIN]  # type: ignore[no-any-return]
+    return distance - scene.shapes[shape, _MARGIN]
 
 
 @njit(cache=True, nogil=True)
