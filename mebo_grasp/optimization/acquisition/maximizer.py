@@ -35,7 +35,8 @@ class NumericGradient:
         m, dim = A.shape
         shifts = self._step * np.concatenate([np.zeros((1, dim)), np.eye(dim), -np.eye(dim)])
         values = self._function((A[:, None, :] + shifts[None]).reshape(-1, dim)).reshape(m, 2 * dim + 1)
-        gradient = (values[:, 1 : dim + 1] - values[:, dim + 1 :]) / (2.0 * self._step)
+        with np.errstate(invalid="ignore"):  # -inf minus -inf, where a log worth vanishes
+            gradient = (values[:, 1 : dim + 1] - values[:, dim + 1 :]) / (2.0 * self._step)
         return values[:, 0], gradient
 
 
