@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from mebo_grasp.grasp import FloatArray
-from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
+from mebo_grasp.optimization.surrogate.posterior import Posterior
 
 
 class Acquisition(Protocol):
@@ -57,7 +57,7 @@ class PointFunction(Protocol):
 class OnPosterior:
     """An acquisition function of points: ``acquisition`` evaluated on ``posterior``."""
 
-    def __init__(self, acquisition: MomentAcquisition, posterior: GaussianProcess) -> None:
+    def __init__(self, acquisition: MomentAcquisition, posterior: Posterior) -> None:
         self._acquisition = acquisition
         self._posterior = posterior
 

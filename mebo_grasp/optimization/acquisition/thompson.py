@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from mebo_grasp.optimization.acquisition.maximizer import NumericGradient
-from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
+from mebo_grasp.optimization.surrogate.posterior import Posterior
 
 
-def thompson(posterior: GaussianProcess, rng: np.random.Generator, n_features: int = 512) -> NumericGradient:
+def thompson(posterior: Posterior, rng: np.random.Generator, n_features: int = 512) -> NumericGradient:
     """Draw one function by spectral sampling and return it as a worth to be maximized.
 
     Args:

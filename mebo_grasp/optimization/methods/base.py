@@ -15,6 +15,9 @@ from mebo_grasp.optimization.observations import Observations
 
 IndexArray = npt.NDArray[np.int64]
 
+KERNEL_NAMES = ("matern52", "squared_exponential")
+LEARNING_NAMES = ("empirical_bayes", "mcmc")
+
 
 @dataclass(frozen=True)
 class MethodSettings:
@@ -33,6 +36,8 @@ class MethodSettings:
         num_solutions: solutions wanted M, if known.
         min_distance: Euclidean distance tau at which two solutions count as different, real units.
         threshold: least value of a good point, for methods that seek all points above one.
+        kernel: covariance function of the methods with one Gaussian process, of ``KERNEL_NAMES``.
+        learning: how those methods learn hyperparameters, of ``LEARNING_NAMES``.
 
     Raises:
         InvalidSettingsError: a number is out of its range.
@@ -50,6 +55,8 @@ class MethodSettings:
     num_solutions: int | None = None
     min_distance: float | None = None
     threshold: float | None = None
+    kernel: str = "matern52"
+    learning: str = "empirical_bayes"
 
     def __post_init__(self) -> None:
         for name in ("batch_size", "budget", "burn_in", "chains", "relearn_period"):
@@ -64,6 +71,14 @@ class MethodSettings:
                 raise InvalidSettingsError(f"{name} must be finite and at least 0, got {getattr(self, name)}")
         if self.num_solutions is not None and self.num_solutions < 1:
             raise InvalidSettingsError(f"num_solutions must be at least 1 or unset, got {self.num_solutions}")
+        self._check_solutions()
+        for name, known in (("kernel", KERNEL_NAMES), ("learning", LEARNING_NAMES)):
+            if getattr(self, name) not in known:
+                raise InvalidSettingsError(
+                    f"{name} must be one of {', '.join(known)}, got {getattr(self, name)!r}"
+                )
+
+    def _check_solutions(self) -> None:
         if self.threshold is not None and not isfinite(self.threshold):
             raise InvalidSettingsError(f"threshold must be finite or unset, got {self.threshold}")
         if self.min_distance is not None and not 0.0 < self.min_distance < float("inf"):

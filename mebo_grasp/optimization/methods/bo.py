@@ -17,11 +17,10 @@ from mebo_grasp.optimization.acquisition.improvement import (
 from mebo_grasp.optimization.acquisition.maximizer import maximize
 from mebo_grasp.optimization.acquisition.thompson import thompson
 from mebo_grasp.optimization.methods.base import MethodSettings
-from mebo_grasp.optimization.methods.common import MethodBase, check_count, without_repeats
+from mebo_grasp.optimization.methods.common import MethodBase, check_count, make_surrogate, without_repeats
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.search_space import SearchSpace
-from mebo_grasp.optimization.surrogate.empirical_bayes import EmpiricalBayesSurrogate
-from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
+from mebo_grasp.optimization.surrogate.posterior import Posterior
 
 N_LOCAL_CANDIDATES = 32
 """Points around the incumbent from which the acquisition is climbed as well."""
@@ -32,7 +31,7 @@ class SurrogateMethod(MethodBase):
 
     def __init__(self, space: SearchSpace, settings: MethodSettings) -> None:
         super().__init__(space, settings)
-        self.surrogate = EmpiricalBayesSurrogate(space.dim, settings.relearn_period)
+        self.surrogate = make_surrogate(space.dim, settings)
 
     def propose(self, observations: Observations, count: int, rng: np.random.Generator) -> FloatArray:
         """Fit the surrogate and choose the batch, shape (count, d)."""
@@ -46,7 +45,7 @@ class SurrogateMethod(MethodBase):
         return without_repeats(points, observations, rng)
 
     def select(
-        self, posterior: GaussianProcess, observations: Observations, count: int, rng: np.random.Generator
+        self, posterior: Posterior, observations: Observations, count: int, rng: np.random.Generator
     ) -> FloatArray:
         """Choose the batch on a fitted posterior, shape (count, d); methods override it."""
         del posterior, observations
@@ -86,7 +85,7 @@ class GreedyOptimization(SurrogateMethod):
     acquisition = "ei"
 
     def select(
-        self, posterior: GaussianProcess, observations: Observations, count: int, rng: np.random.Generator
+        self, posterior: Posterior, observations: Observations, count: int, rng: np.random.Generator
     ) -> FloatArray:
         """Maximize the acquisition ``count`` times, shape (count, d)."""
         pending = observations.pending
@@ -103,7 +102,7 @@ class GreedyOptimization(SurrogateMethod):
                 posterior = posterior.condition_on(point[None], posterior.predict_mean(point[None]))
         return points
 
-    def worth(self, posterior: GaussianProcess, incumbent: float, rng: np.random.Generator) -> PointFunction:
+    def worth(self, posterior: Posterior, incumbent: float, rng: np.random.Generator) -> PointFunction:
         """The function to be maximized."""
         if self.acquisition == "thompson":
             return thompson(posterior, rng)

@@ -17,7 +17,7 @@ from mebo_grasp.optimization.selection.clustering import Cluster, choose_cluster
 from mebo_grasp.optimization.selection.explorative import most_distant_subset
 from mebo_grasp.optimization.selection.quality_diversity import best_combination
 from mebo_grasp.optimization.selection.solution_set import DEFAULT_SHARE
-from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
+from mebo_grasp.optimization.surrogate.posterior import Posterior
 
 DEFAULT_NUM_SOLUTIONS = 4
 """Number of solutions M when none is given (thesis 7.4 for bottle and vase)."""
@@ -35,7 +35,7 @@ class ClMebo(EMebo):
     name = "cl_mebo"
 
     def select(
-        self, posterior: GaussianProcess, observations: Observations, count: int, rng: np.random.Generator
+        self, posterior: Posterior, observations: Observations, count: int, rng: np.random.Generator
     ) -> FloatArray:
         """Choose the batch by the schedule of appendix C, shape (count, d)."""
         step = self.scheduled(self.spent(observations), self._iteration)
@@ -67,7 +67,7 @@ class ClMebo(EMebo):
         return self.space.upper - self.space.lower, distance
 
     def cluster_batch(
-        self, posterior: GaussianProcess, observations: Observations, count: int, rng: np.random.Generator
+        self, posterior: Posterior, observations: Observations, count: int, rng: np.random.Generator
     ) -> FloatArray:
         """Cluster batch sampling, or explorative sampling when too few clusters are found (thesis 5.3.1)."""
         wanted = self.settings.num_solutions or DEFAULT_NUM_SOLUTIONS
@@ -86,7 +86,7 @@ class ClMebo(EMebo):
 
     def _sample_cluster(
         self,
-        posterior: GaussianProcess,
+        posterior: Posterior,
         observations: Observations,
         clusters: list[Cluster],
         own: int,

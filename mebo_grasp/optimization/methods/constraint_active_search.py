@@ -11,7 +11,7 @@ from mebo_grasp.optimization.methods.bo import SurrogateMethod
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.selection.coverage import ball_offsets, expected_coverage_improvement
 from mebo_grasp.optimization.selection.solution_set import DEFAULT_SHARE
-from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
+from mebo_grasp.optimization.surrogate.posterior import Posterior
 
 DEFAULT_QUANTILE = 0.9
 """Without a threshold in the settings, good means at least this quantile of the values so far."""
@@ -28,7 +28,7 @@ class ConstraintActiveSearch(SurrogateMethod):
     name = "constraint_active_search"
 
     def select(
-        self, posterior: GaussianProcess, observations: Observations, count: int, rng: np.random.Generator
+        self, posterior: Posterior, observations: Observations, count: int, rng: np.random.Generator
     ) -> FloatArray:
         """Choose points one after the other, each counting as tried for the next, shape (count, d)."""
         threshold = self.settings.threshold
@@ -47,7 +47,7 @@ class ConstraintActiveSearch(SurrogateMethod):
 
     @staticmethod
     def _best(
-        posterior: GaussianProcess,
+        posterior: Posterior,
         tried: FloatArray,
         threshold: float,
         scale: FloatArray,

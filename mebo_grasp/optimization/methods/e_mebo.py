@@ -12,7 +12,7 @@ from mebo_grasp.optimization.methods.mebo import Mebo
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.selection.boltzmann import draw
 from mebo_grasp.optimization.selection.explorative import most_distant_subset
-from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
+from mebo_grasp.optimization.surrogate.posterior import Posterior
 
 CANDIDATES_PER_POINT = 5
 """Candidates T drawn for each point of a batch (thesis 5.2; its code uses 5)."""
@@ -29,7 +29,7 @@ class EMebo(Mebo):
     _iteration = 0
 
     def select(
-        self, posterior: GaussianProcess, observations: Observations, count: int, rng: np.random.Generator
+        self, posterior: Posterior, observations: Observations, count: int, rng: np.random.Generator
     ) -> FloatArray:
         """Choose the batch by the schedule, shape (count, d)."""
         explorative = self.spent(observations) < EXPLORATIVE_UNTIL or self._iteration % 3 == 2
@@ -43,7 +43,7 @@ class EMebo(Mebo):
         return len(observations.taken) / self.settings.budget
 
     def explorative(
-        self, posterior: GaussianProcess, observations: Observations, count: int, rng: np.random.Generator
+        self, posterior: Posterior, observations: Observations, count: int, rng: np.random.Generator
     ) -> FloatArray:
         """Draw T candidates a point and keep the most distant subset, shape (count, d)."""
         self._phase = "explorative"

@@ -15,7 +15,7 @@ from mebo_grasp.optimization.selection.local_penalization import (
     lipschitz_constant,
     penalized,
 )
-from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
+from mebo_grasp.optimization.surrogate.posterior import Posterior
 
 SEARCH = MaximizerSettings(direct_evaluations=0, net_evaluations=512, refinements=3)
 """A net instead of DIRECT: the penalized worth changes with each point of a batch, and a net is one call."""
@@ -27,7 +27,7 @@ class LocalPenalization(SurrogateMethod):
     name = "local_penalization"
 
     def select(
-        self, posterior: GaussianProcess, observations: Observations, count: int, rng: np.random.Generator
+        self, posterior: Posterior, observations: Observations, count: int, rng: np.random.Generator
     ) -> FloatArray:
         """Maximize the penalized acquisition ``count`` times, shape (count, d)."""
         lipschitz = lipschitz_constant(posterior, rng)

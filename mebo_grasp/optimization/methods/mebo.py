@@ -13,12 +13,11 @@ from mebo_grasp.optimization.acquisition.base import Acquisition
 from mebo_grasp.optimization.acquisition.confidence_bound import UpperConfidenceBound
 from mebo_grasp.optimization.acquisition.improvement import ExpectedImprovement
 from mebo_grasp.optimization.methods.base import MethodSettings, state_int
-from mebo_grasp.optimization.methods.common import MethodBase, check_count, without_repeats
+from mebo_grasp.optimization.methods.common import MethodBase, check_count, make_surrogate, without_repeats
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.search_space import SearchSpace
 from mebo_grasp.optimization.selection.boltzmann import BoltzmannSettings, draw
-from mebo_grasp.optimization.surrogate.empirical_bayes import EmpiricalBayesSurrogate
-from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
+from mebo_grasp.optimization.surrogate.posterior import Posterior
 
 EXPLORATIVE_SHARE = 0.7
 """Share of a batch drawn by UCB (thesis 7.2: about 70 %, two of three)."""
@@ -39,7 +38,7 @@ class Mebo(MethodBase):
 
     def __init__(self, space: SearchSpace, settings: MethodSettings) -> None:
         super().__init__(space, settings)
-        self.surrogate = EmpiricalBayesSurrogate(space.dim, settings.relearn_period)
+        self.surrogate = make_surrogate(space.dim, settings)
         self.boltzmann = BoltzmannSettings(
             settings.boltzmann_beta, settings.burn_in, settings.chains, settings.proportional_selection
         )
@@ -57,7 +56,7 @@ class Mebo(MethodBase):
         return without_repeats(points, observations, rng)
 
     def select(
-        self, posterior: GaussianProcess, observations: Observations, count: int, rng: np.random.Generator
+        self, posterior: Posterior, observations: Observations, count: int, rng: np.random.Generator
     ) -> FloatArray:
         """Choose the batch on a fitted posterior, shape (count, d)."""
         self._phase = "boltzmann"

@@ -14,7 +14,7 @@ from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.search_space import SearchSpace
 from mebo_grasp.optimization.selection.solution_set import DEFAULT_SHARE, greedy_diverse_set
 from mebo_grasp.optimization.selection.trust_region import TrustRegion, candidates_in_box, improves
-from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
+from mebo_grasp.optimization.surrogate.posterior import Posterior
 
 DEFAULT_NUM_SOLUTIONS = 4
 """Number of solutions M when none is given (thesis 7.4 for bottle and vase)."""
@@ -48,7 +48,7 @@ class Robot(SurrogateMethod):
         self._turn = 0
 
     def select(
-        self, posterior: GaussianProcess, observations: Observations, count: int, rng: np.random.Generator
+        self, posterior: Posterior, observations: Observations, count: int, rng: np.random.Generator
     ) -> FloatArray:
         """Take the next regions in turn and draw a point in each, shape (count, d)."""
         self._digest(observations)
@@ -106,7 +106,7 @@ class Robot(SurrogateMethod):
                 return
 
     def _draw(
-        self, posterior: GaussianProcess, centres: FloatArray, rank: int, rng: np.random.Generator
+        self, posterior: Posterior, centres: FloatArray, rank: int, rng: np.random.Generator
     ) -> FloatArray:
         """Thompson sample in one region, subject to the distance from the centres before it, shape (d,)."""
         lengthscales = np.exp(posterior.hyperparameters.theta[: posterior.dim])

@@ -12,7 +12,7 @@ from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.acquisition.base import Acquisition
 from mebo_grasp.optimization.initial_design import sobol
-from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
+from mebo_grasp.optimization.surrogate.posterior import Posterior
 
 STEP_SDS = (0.3, 0.1, 0.01, 0.001)
 """Standard deviations of the Gaussian proposals, sides of the box; the fifth proposal is uniform."""
@@ -143,7 +143,7 @@ class _Slots:
 
     def __init__(
         self,
-        posterior: GaussianProcess,
+        posterior: Posterior,
         acquisitions: Sequence[Acquisition],
         chains: int,
     ) -> None:
@@ -162,7 +162,7 @@ class _Slots:
 
 
 def draw(
-    posterior: GaussianProcess,
+    posterior: Posterior,
     acquisitions: Sequence[Acquisition],
     rng: np.random.Generator,
     settings: BoltzmannSettings | None = None,

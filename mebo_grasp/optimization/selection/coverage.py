@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from mebo_grasp.grasp import FloatArray
-from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
+from mebo_grasp.optimization.surrogate.posterior import Posterior
 
 
 def ball_offsets(count: int, dim: int, rng: np.random.Generator) -> FloatArray:
@@ -22,7 +22,7 @@ def ball_offsets(count: int, dim: int, rng: np.random.Generator) -> FloatArray:
 
 
 def expected_coverage_improvement(
-    posterior: GaussianProcess,
+    posterior: Posterior,
     candidates: FloatArray,
     offsets: FloatArray,
     tried: FloatArray,

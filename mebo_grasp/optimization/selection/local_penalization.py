@@ -14,7 +14,7 @@ from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.acquisition.base import PointFunction
 from mebo_grasp.optimization.acquisition.maximizer import NumericGradient, climb
 from mebo_grasp.optimization.initial_design import sobol
-from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
+from mebo_grasp.optimization.surrogate.posterior import Posterior
 
 FLAT = 1e-7
 """Below this slope of the standardized mean the surrogate says nothing about L (GPyOpt's limit)."""
@@ -31,7 +31,7 @@ of variance 0.0000 on Branin.) With this floor the next point goes to another pl
 """
 
 
-def lipschitz_constant(posterior: GaussianProcess, rng: np.random.Generator) -> float:
+def lipschitz_constant(posterior: Posterior, rng: np.random.Generator) -> float:
     """Greatest slope of the posterior mean in the unit cube, units of y per side.
 
     The gradient is exact. It is evaluated on a Sobol net and at the observations, and the three steepest
@@ -63,7 +63,7 @@ class LocalPenalizer:
         lipschitz: L, units of y per side of the cube.
     """
 
-    def __init__(self, posterior: GaussianProcess, maximum: float, lipschitz: float) -> None:
+    def __init__(self, posterior: Posterior, maximum: float, lipschitz: float) -> None:
         self._posterior = posterior
         self._maximum = maximum
         self._lipschitz = lipschitz

@@ -126,13 +126,24 @@ class GaussianProcess:
             raise InvalidSettingsError(f"need finite U (n, d) and y (n,), got shapes {U.shape} and {y.shape}")
         hyper = hyperparameters or Hyperparameters.default(U.shape[1], kernel)
         z, centre, scale = standardize(y)
+        return replace(cls.of_standardized(U, z, hyper, kernel), centre=centre, scale=scale)
+
+    @classmethod
+    def of_standardized(
+        cls, U: FloatArray, z: FloatArray, hyper: Hyperparameters, kernel: Kernel = MATERN52
+    ) -> GaussianProcess:
+        """Condition on values that are standardized already; the posterior is in the same units.
+
+        Raises:
+            InvalidSettingsError: the covariance is not positive definite.
+        """
         if len(U) == 0:
-            return cls(kernel, hyper, U, z, centre, scale, np.empty((0, 0)), np.empty(0))
+            return cls(kernel, hyper, U, z, 0.0, 1.0, np.empty((0, 0)), np.empty(0))
         K = kernel.matrix(U, U, hyper.theta)
         K.flat[:: len(K) + 1] += np.exp(hyper.log_noise)
         L = cholesky(K)
         weights, _ = lapack.dpotrs(L, z, lower=1)
-        return cls(kernel, hyper, U, z, centre, scale, L, weights)
+        return cls(kernel, hyper, U, z, 0.0, 1.0, L, weights)
 
     @property
     def n(self) -> int:
