@@ -10,6 +10,7 @@ programs on the machine disturb less.
 from __future__ import annotations
 
 import argparse
+import multiprocessing
 import resource
 import sys
 import tempfile
@@ -214,8 +215,9 @@ def measure_questions(
     _ask_scenes(archive, "hand rule, all blocked by one box", everywhere, max_grasps=10, rule=hand)
 
 
-def measure_scan(path: Path, scenes: int, shapes: int, rng: np.random.Generator) -> None:
+def measure_scan(path: Path, scenes: int, shapes: int) -> None:
     """Print the times of a straightforward scan over the same grasps, and check the answers against it."""
+    rng = np.random.default_rng(3)
     with SolutionArchive(path, OBJECT) as archive:
         trials = [(s.grasp.quality, s.grasp.T_object_tcp.position) for s in archive.grasps]
         qualities, positions = (np.array(values) for values in zip(*trials, strict=True))
@@ -229,39 +231,53 @@ def measure_scan(path: Path, scenes: int, shapes: int, rng: np.random.Generator)
     _say(f"  {equal} of {scenes} answers equal those of the scan")
 
 
-def measure(stored: int, questions: int, shapes: int, folder: Path) -> None:
-    """Fill an archive, open it again, and print what everything takes."""
+def hand_of(hands: list[HandVolume], grasp: Grasp) -> HandVolume:
+    """Return one of the hands, always the same for a grasp."""
+    return hands[int(abs(grasp.T_object_tcp.position[0]) * 1e9) % POSTURES]
+
+
+def fill(path: Path, stored: int) -> None:
+    """Make an archive."""
     rng = np.random.default_rng(1)
-    hands = make_hands(rng)
-    path = folder / f"bench_{stored}.db"
-
-    def hand_of(grasp: Grasp) -> HandVolume:
-        return hands[int(abs(grasp.T_object_tcp.position[0]) * 1e9) % POSTURES]
-
-    _say(f"{stored} stored grasps, {shapes} shapes, {questions} questions")
-    with SolutionArchive(path, OBJECT, hand_volume=hand_of) as archive:
-        begin = time.perf_counter()
-        archive.add_many(make_trials(stored, rng))
-        _say(f"  filled in {time.perf_counter() - begin:.1f} s, {path.stat().st_size / 1e6:.0f} MB on disk")
-    before = _memory()
+    hand_volume = partial(hand_of, make_hands(rng))
     begin = time.perf_counter()
-    archive = SolutionArchive(path, OBJECT, hand_volume=hand_of)
+    with SolutionArchive(path, OBJECT, hand_volume=hand_volume) as archive:
+        archive.add_many(make_trials(stored, rng))
+    _say(f"  filled in {time.perf_counter() - begin:.1f} s, {path.stat().st_size / 1e6:.0f} MB on disk")
+
+
+def measure(path: Path, stored: int, questions: int, shapes: int) -> None:
+    """Open an archive and print what everything takes."""
+    rng = np.random.default_rng(2)
+    hand_volume = partial(hand_of, make_hands(np.random.default_rng(1)))
+    SolutionArchive(":memory:", OBJECT, hand_volume=hand_volume).close()  # loads the compiled code
+    before, times = _memory(), Times()
+    archive = times.call(partial(SolutionArchive, path, OBJECT, hand_volume=hand_volume))
     _say(
-        f"  opened in {time.perf_counter() - begin:.2f} s, holds {_memory() - before:.0f} MB more than "
-        f"{before:.0f} MB, peak {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB"
+        f"  opened in {times.wall[0]:.2f} s ({times.processor[0]:.2f} s of processor time); holds "
+        f"{_memory():.0f} MB, {before:.0f} MB of them before; "
+        f"peak {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB"
     )
     with archive:
-        added = [_shifted(trial, stored) for trial in make_trials(questions, rng)]
         times = Times()
-        for trial in added:
-            times.call(partial(archive.add, trial))
+        for trial in make_trials(questions, rng):
+            times.call(partial(archive.add, _shifted(trial, stored)))
         times.say("add a trial")
         measure_questions(archive, questions, shapes, rng)
-    measure_scan(path, min(questions, 20), shapes, rng)
+        _say(f"  peak {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
 
 
 def _shifted(trial: StampedGrasp, stored: int) -> StampedGrasp:
     return StampedGrasp(trial.stamp_ns + stored, trial.grasp)
+
+
+def _in_own_process(task: Callable[..., None], *arguments: object) -> None:
+    """Run a part by itself, so that memory is that of the part."""
+    process = multiprocessing.get_context("spawn").Process(target=task, args=arguments)
+    process.start()
+    process.join()
+    if process.exitcode != 0:
+        raise SystemExit(f"{task.__name__} failed with exit code {process.exitcode}")
 
 
 def main() -> None:
@@ -273,8 +289,12 @@ def main() -> None:
     parser.add_argument("--shapes", type=int, default=20, help="occluding shapes in a scene")
     options = parser.parse_args()
     for stored in options.stored:
+        _say(f"{stored} stored grasps, {options.shapes} shapes, {options.questions} questions")
         with tempfile.TemporaryDirectory() as folder:
-            measure(stored, options.questions, options.shapes, Path(folder))
+            path = Path(folder) / "bench.db"
+            _in_own_process(fill, path, stored)
+            _in_own_process(measure, path, stored, options.questions, options.shapes)
+            _in_own_process(measure_scan, path, min(options.questions, 20), options.shapes)
 
 
 if __name__ == "__main__":

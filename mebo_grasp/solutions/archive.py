@@ -21,10 +21,12 @@ from mebo_grasp.solutions.grasp_index import GraspIndex
 from mebo_grasp.solutions.hand_volume import HandVolumeOf, PackedVolume
 from mebo_grasp.solutions.occlusion import Occlusion
 from mebo_grasp.solutions.solution_set import SolutionSet
-from mebo_grasp.solutions.trial_store import TrialStore
+from mebo_grasp.solutions.trial_store import Session, TrialStore
 
 ADDED_AT_ONCE = 10_000
 """Trials of one transaction when many are added."""
+READ_AT_ONCE = 1000
+"""Trials that are in memory at a time when all are read."""
 REMEMBERED = 2048
 """Returned grasps that are kept whole in memory."""
 COMPLETED_AT_ONCE = 1000
@@ -91,7 +93,12 @@ class SolutionArchive:
             raise
         self._is_open = True
 
-    def _own(self, trial: StampedGrasp) -> StampedGrasp:
+    def require_own(self, trial: StampedGrasp) -> StampedGrasp:
+        """Return the trial, or refuse it when it is of another object.
+
+        Raises:
+            ArchiveError: it names another object.
+        """
         object_id = trial.grasp.object_id
         if object_id and object_id != self.object_id:
             raise ArchiveError(
@@ -106,6 +113,7 @@ class SolutionArchive:
 
     def _reload(self) -> None:
         self._index.close()
+        del self._index  # so that two of them need not fit into memory
         self._read.cache_clear()
         self._trials = self._store.count()
         self._index = self._make_index()
@@ -155,9 +163,26 @@ class SolutionArchive:
         Raises:
             ArchiveError: the archive is closed or damaged.
         """
+        last = -1
+        while True:
+            with self._guard:
+                self._require_open()
+                group = self._store.read_after(last, READ_AT_ONCE)
+            if not group:
+                return
+            yield from group
+            last = group[-1].stamp_ns
+
+    @property
+    def sessions(self) -> tuple[Session, ...]:
+        """The sessions in which trials of the object were stored, in the order of time.
+
+        Raises:
+            ArchiveError: the archive is closed or damaged.
+        """
         with self._guard:
             self._require_open()
-            return iter(list(self._store.read_all()))
+            return self._store.sessions()
 
     def add(self, trial: StampedGrasp) -> AddStatus:
         """Store a trial; when this returns, it is committed.
@@ -168,7 +193,7 @@ class SolutionArchive:
         Raises:
             ArchiveError: the trial is of another object, or cannot be written; it is not stored then.
         """
-        grasp = self._own(trial).grasp
+        grasp = self.require_own(trial).grasp
         volume = self._packed_volume(trial)
         with self._guard:
             self._require_open()
@@ -198,7 +223,7 @@ class SolutionArchive:
             self._require_open()
             while group := list(islice(remaining, ADDED_AT_ONCE)):
                 added += self._store.insert_many(
-                    [(trial, self._packed_volume(self._own(trial))) for trial in group]
+                    [(trial, self._packed_volume(self.require_own(trial))) for trial in group]
                 )
             self._reload()
         return added

@@ -71,7 +71,7 @@ class Column:
         """Add rows, shape (k, ...)."""
         needed = self._length + len(values)
         if needed > len(self._values):
-            capacity = max(needed, len(self._values) * 5 // 4, 64)
+            capacity = max(needed, len(self._values) * 9 // 8, 64)
             grown = np.empty((capacity, *self._values.shape[1:]), self._values.dtype)
             grown[: self._length] = self.array
             self._values = grown

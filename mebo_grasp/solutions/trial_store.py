@@ -74,6 +74,21 @@ class StoredGrasps:
     has_volumes: bool
 
 
+@dataclass(frozen=True)
+class Session:
+    """One opening of an archive in which trials were stored.
+
+    Args:
+        id: number, in the order of time.
+        begun_ns: time of its first trial, nanoseconds since the epoch.
+        trials: how many of the object it stored.
+    """
+
+    id: int
+    begun_ns: int
+    trials: int
+
+
 @contextmanager
 def _as_archive_errors(path: str, doing: str) -> Iterator[None]:
     try:
@@ -259,34 +274,24 @@ class TrialStore:
         Raises:
             ArchiveError: the database is damaged.
         """
-        stamps: list[IntArray] = [np.empty(0, dtype=np.int64)]
-        numbers: list[FloatArray] = [np.empty((0, 8))]
-        counts: list[IntArray] = [np.zeros(1, dtype=np.int64)]
-        volumes: list[bytes] = []
         volume = "hand_volume" if with_volumes else "NULL"
+        chosen = "FROM trial WHERE object = ? AND quality > 0"
+        key = (self._object_key,)
         with _as_archive_errors(self.path, "read"):
+            n, volume_bytes = self._connection.execute(
+                f"SELECT count(*), total(length({volume})) {chosen}", key
+            ).fetchone()
+            stored = _empty_grasps(n, int(volume_bytes) // CAPSULE_BYTES, with_volumes)
             cursor = self._connection.execute(
-                f"SELECT quality, px, py, pz, qx, qy, qz, qw, stamp_ns, {volume} FROM trial "
-                "WHERE object = ? AND quality > 0 ORDER BY stamp_ns",
-                (self._object_key,),
+                f"SELECT stamp_ns, quality, px, py, pz, qx, qy, qz, qw, {volume} {chosen} "
+                "ORDER BY stamp_ns",
+                key,
             )
+            begin = 0
             while rows := cursor.fetchmany(FETCHED_ROWS):
-                # Stamps do not fit into a double, hence the two arrays.
-                stamps.append(np.array([row[8] for row in rows], dtype=np.int64))
-                numbers.append(np.array([row[:8] for row in rows], dtype=np.float64))
-                blobs = [row[9] or b"" for row in rows]
-                counts.append(np.array([len(blob) for blob in blobs]) // CAPSULE_BYTES)
-                volumes.append(b"".join(blobs))
-        table = np.concatenate(numbers)
-        return StoredGrasps(
-            stamps_ns=np.concatenate(stamps),
-            qualities=table[:, 0],
-            positions=table[:, 1:4],
-            quaternions=table[:, 4:8],
-            first_capsule=np.cumsum(np.concatenate(counts)),
-            capsules=np.frombuffer(b"".join(volumes), dtype="<i2").reshape(-1, 7).astype(np.int16),
-            has_volumes=with_volumes,
-        )
+                _fill(stored, begin, rows)
+                begin += len(rows)
+        return stored
 
     def stamps_without_volume(self) -> list[int]:
         """Return the stamps of the grasps with a quality above zero whose hand volume is not stored."""
@@ -326,18 +331,29 @@ class TrialStore:
             raise ArchiveError(f"no trial with stamp {stamp_ns} ns of '{self.object_id}' is stored")
         return self._from_row(row)
 
-    def read_all(self) -> Iterator[StampedGrasp]:
-        """Read all trials of the object whole, in the order of their stamps.
+    def read_after(self, stamp_ns: int, limit: int) -> list[StampedGrasp]:
+        """Read the first trials after a stamp whole, in the order of their stamps.
 
         Raises:
             ArchiveError: the database is damaged.
         """
         with _as_archive_errors(self.path, "read"):
-            cursor = self._connection.execute(
-                f"{_SELECT_WHOLE} ORDER BY trial.stamp_ns", (self._object_key,)
-            )
-            for row in cursor:
-                yield self._from_row(row)
+            rows = self._connection.execute(
+                f"{_SELECT_WHOLE} AND trial.stamp_ns > ? ORDER BY trial.stamp_ns LIMIT ?",
+                (self._object_key, stamp_ns, limit),
+            ).fetchall()
+        return [self._from_row(row) for row in rows]
+
+    def sessions(self) -> tuple[Session, ...]:
+        """Return the sessions in which trials of the object were stored."""
+        with _as_archive_errors(self.path, "read"):
+            rows = self._connection.execute(
+                "SELECT session.id, begun_ns, count(*) FROM session "
+                "JOIN trial ON trial.session = session.id WHERE object = ? "
+                "GROUP BY session.id ORDER BY session.id",
+                (self._object_key,),
+            ).fetchall()
+        return tuple(Session(*row) for row in rows)
 
     def _from_row(self, row: tuple[Any, ...]) -> StampedGrasp:
         try:
@@ -394,6 +410,36 @@ def _detail_values(grasp: Grasp) -> tuple[float | str | bytes, ...]:
         np.array(grasp.hand_posture.positions, dtype="<f8").tobytes(),
         json.dumps([contact.link for contact in grasp.contacts]), vectors.tobytes(),
     )
+
+
+def _empty_grasps(n: int, capsules: int, with_volumes: bool) -> StoredGrasps:
+    return StoredGrasps(
+        stamps_ns=np.empty(n, dtype=np.int64),
+        qualities=np.empty(n),
+        positions=np.empty((n, 3)),
+        quaternions=np.empty((n, 4)),
+        first_capsule=np.zeros(n + 1, dtype=np.int64),
+        capsules=np.empty((capsules, 7), dtype=np.int16),
+        has_volumes=with_volumes,
+    )
+
+
+def _fill(stored: StoredGrasps, begin: int, rows: list[tuple[Any, ...]]) -> None:
+    """Write rows of the database behind the first ``begin`` grasps."""
+    end = begin + len(rows)
+    columns = list(zip(*rows, strict=True))
+    stored.stamps_ns[begin:end] = columns[0]
+    stored.qualities[begin:end] = columns[1]
+    for axis in range(3):
+        stored.positions[begin:end, axis] = columns[2 + axis]
+    for axis in range(4):
+        stored.quaternions[begin:end, axis] = columns[5 + axis]
+    blobs = [blob or b"" for blob in columns[9]]
+    first = stored.first_capsule[begin]
+    lengths = np.fromiter(map(len, blobs), dtype=np.int64, count=len(blobs))
+    stored.first_capsule[begin + 1 : end + 1] = first + np.cumsum(lengths) // CAPSULE_BYTES
+    capsules = np.frombuffer(b"".join(blobs), dtype="<i2").reshape(-1, 7)
+    stored.capsules[first : first + len(capsules)] = capsules
 
 
 def _to_bytes(volume: PackedVolume) -> bytes:
