@@ -20,6 +20,10 @@ setup(
         (f"share/{PACKAGE}/params", glob("params/*.yaml")),
     ],
     python_requires=">=3.11",
+    extras_require={
+        # Optimizers of others, measured beside ours by `mebo-grasp experiment cec2013 --methods peers`.
+        "peers": ["botorch==0.18.1", "cma==4.5.0", "optuna==5.0.0", "scikit-optimize==0.10.2"],
+    },
     zip_safe=False,
     description="Diverse grasps of unknown objects by multisolution Bayesian optimization",
     license="Apache-2.0",
