@@ -13,11 +13,24 @@ from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.grasping.urdf import LinkShape
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 
 HULL_MARGIN = 1e-3
 """Bullet inflates every convex mesh by this much (metres); gaps and points are corrected for it."""
 QUERY_RANGE = 0.012
 """Gaps beyond this are reported as this, metres."""
+
+
+def bounding_radius(shape: LinkShape) -> float:
+    """Return the radius of a ball about the origin of a shape's frame that holds the shape."""
+    if shape.kind == "box":
+        return float(np.linalg.norm(shape.dims)) / 2.0
+    if shape.kind == "sphere":
+        return shape.dims[0]
+    if shape.kind == "mesh":
+        return float(np.linalg.norm(np.asarray(shape.vertices), axis=1).max())
+    radius, length = shape.dims
+    return length / 2.0 + radius if shape.kind == "capsule" else float(np.hypot(length / 2.0, radius))
 
 
 @njit(cache=True)
@@ -48,6 +61,21 @@ def place(T_parent: FloatArray, T_shape: FloatArray, out: FloatArray) -> None:
     q /= np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
 
 
+@njit(cache=True)
+def near_boxes(center: FloatArray, radius: float, lower: FloatArray, upper: FloatArray, near: IntArray) -> int:
+    """Write the indices of the boxes that a ball meets into ``near``; return how many."""
+    count = 0
+    for i in range(lower.shape[0]):
+        apart2 = 0.0
+        for k in range(3):
+            apart = max(lower[i, k] - center[k], 0.0, center[k] - upper[i, k])
+            apart2 += apart * apart
+        if apart2 <= radius * radius:
+            near[count] = i
+            count += 1
+    return count
+
+
 class BulletWorld:
     """An object alone in a world without display, asked for its gap to single shapes.
 
@@ -68,6 +96,11 @@ class BulletWorld:
         self._shapes = [self._hand_shape(shape) for shape in shapes]
         self._T_group_shape = np.ascontiguousarray(T_group_shape)
         self._placed = np.empty(7)
+        self._balls = [bounding_radius(shape) for shape in shapes]
+        parts = target.solid_parts or (np.asarray(target.mesh.vertices),)
+        self._lower = np.array([part.min(axis=0) for part in parts])
+        self._upper = np.array([part.max(axis=0) for part in parts])
+        self._near = np.empty(len(parts), dtype=np.int64)
         self._margins = [HULL_MARGIN if shape.kind == "mesh" else 0.0 for shape in shapes]
 
     def _object_bodies(self, target: TargetObject) -> list[int]:
@@ -116,7 +149,8 @@ class BulletWorld:
         placed = self._placed.tolist()
         margin = self._margin_object + self._margins[index]
         best, point, direction = reach, None, None
-        for body in self._bodies:
+        count = near_boxes(self._placed, self._balls[index] + reach, self._lower, self._upper, self._near)
+        for body in [self._bodies[i] for i in self._near[:count].tolist()]:
             hits = pybullet.getClosestPoints(
                 bodyA=body, bodyB=-1, distance=reach - margin, collisionShapeB=self._shapes[index],
                 collisionShapePositionB=placed[:3], collisionShapeOrientationB=placed[3:],

@@ -14,14 +14,14 @@ import numpy.typing as npt
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import Pose
 from mebo_grasp.grasping.hand_model import HandModel
+from mebo_grasp.grasping.shape_cover import covering_spheres
 from mebo_grasp.grasping.target_object import TargetObject
 
 FloatArray = npt.NDArray[np.float64]
 
 POSITION_NAMES = ("x", "y", "z")
 ROTATION_NAMES = ("roll", "pitch", "yaw")
-SIDE_MARGIN = 0.03
-"""How far the TCP may stand beyond the object's box along the fingers, metres."""
+SLICES = 40
 DEFAULT_ROTATION_SPAN = (0.5, 0.4, 0.7)
 """Half ranges of roll, pitch and yaw about the side approach, radians."""
 
@@ -136,23 +136,42 @@ def side_approach_rpy(hand: HandModel) -> FloatArray:
 def side_approach_bounds(target: TargetObject, hand: HandModel) -> tuple[FloatArray, FloatArray]:
     """Return bounds of x, y, z for the side approach, shapes (3,), metres.
 
-    x: along the fingers, so that the palm can stand before any part of the object's width.
-    y: from a palm that touches the object's widest place to fingers that no longer reach it.
-    z: the object's height.
+    x (along the fingers): from the object's near edge under the middle of the fingers to its centre near the
+    palm. y (approach axis): from a palm at the surface, where the object is slim, to fingers that no longer reach
+    it. z: the object's height. On the thesis's bottle this gives the thesis's own box to within 15 mm.
     """
     low, high = target.bounds
-    reach = finger_reach(hand)
-    x_low, x_high = low[0] - SIDE_MARGIN, high[0] - reach / 2.0
-    if x_high <= x_low:
-        x_high = x_low + 0.02
-    return (
-        np.array([x_low, (low[1] + high[1]) / 2.0 + 0.25 * (high[1] - low[1]), low[2]]),
-        np.array([x_high, high[1] + reach, high[2]]),
-    )
+    middle = (low + high) / 2.0
+    length, reach = finger_length(hand), finger_reach(hand)
+    x_low = low[0] - 0.5 * length
+    x_high = max(middle[0] - 0.25 * length, high[0] - 1.25 * length)
+    return np.array([x_low, slim_depth(target), low[2]]), np.array([x_high, high[1] + reach, high[2]])
+
+
+def slim_depth(target: TargetObject) -> float:
+    """Return how far the surface reaches towards +y where the object is slim: the lower quartile over heights."""
+    triangles = np.asarray(target.mesh.triangles)
+    low, high = target.bounds[:, 2]
+    depths = []
+    for z in np.linspace(low, high, SLICES + 2)[1:-1]:
+        crossing = (triangles[:, :, 2].min(axis=1) <= z) & (triangles[:, :, 2].max(axis=1) >= z)
+        if crossing.any():
+            depths.append(float(triangles[crossing, :, 1].max()))
+    return float(np.quantile(depths, 0.25)) if depths else float(target.bounds[:, 1].mean())
+
+
+def finger_length(hand: HandModel) -> float:
+    """Return how far the stretched fingers reach ahead of the TCP along its x axis, metres."""
+    transforms = hand.link_transforms()
+    tips = []
+    for shape in hand.urdf.collisions:
+        centers, radii = covering_spheres(shape, transforms[shape.link] @ shape.T_link_shape)
+        tips.append(float((centers[:, 0] + radii).max()))
+    return max(*tips, 0.02)
 
 
 def finger_reach(hand: HandModel) -> float:
-    """Return how far the fingers can get from the palm along its normal, metres: the longest bent chain."""
+    """Return how far the fingers get from the palm along its normal, metres: the longest chain, bent square."""
     longest = 0.0
     for finger in hand.fingers:
         length = sum(float(np.linalg.norm(hand.urdf.joint(name).T_parent_joint[:3, 3])) for name in finger.joints[1:])

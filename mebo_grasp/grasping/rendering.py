@@ -1,202 +1,195 @@
-"""Pictures of grasps: object and hand in final posture, drawn offscreen with hidden surfaces hidden."""
+"""Pictures of an object with grasping hands in their final postures."""
 
 from __future__ import annotations
 
-import colorsys
-import tempfile
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-import pybullet
 import trimesh
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from mebo_grasp.errors import InvalidSettingsError
-from mebo_grasp.grasp import FloatArray, Grasp, GraspContact
+from mebo_grasp.grasp import Grasp, GraspOutcome
 from mebo_grasp.grasping.hand_model import HandModel, PlacedShape
+from mebo_grasp.grasping.rasterizer import look_at, project, render
 from mebo_grasp.grasping.target_object import TargetObject
 
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 Image = npt.NDArray[np.uint8]
-Color = tuple[float, float, float, float]
+Color = tuple[float, float, float]
 
-PANEL_PIXELS = 440
-SUPERSAMPLING = 2
-"""The renderer does not smooth edges: panels are drawn larger and averaged."""
-
+OBJECT_COLOR: Color = (0.86, 0.83, 0.76)
+CONTACT_COLOR: Color = (0.90, 0.05, 0.05)
+HAND_COLORS: tuple[Color, ...] = (
+    (0.22, 0.49, 0.72), (0.95, 0.55, 0.15), (0.30, 0.64, 0.32), (0.60, 0.40, 0.70),
+    (0.62, 0.42, 0.34), (0.90, 0.50, 0.74), (0.72, 0.70, 0.20), (0.20, 0.70, 0.76),
+)
+PANEL_PIXELS = 460
+PANEL_INCHES = 3.4
+FIELD_OF_VIEW = np.radians(24.0)
+FILLED_SHARE = 0.94
+DEFAULT_DIRECTION = np.array([0.9, -0.25, 0.55])
+SMOOTH_ANGLE = np.radians(28.0)
 MOST_PANELS = 8
-FIELD_OF_VIEW = 32.0
-PICTURE_MARGIN = 1.04
-VIEW_DIRECTION = np.array([0.75, 0.45, 0.35])
-"""From the object towards the camera, object frame."""
-
-OBJECT_COLOR: Color = (0.82, 0.80, 0.74, 1.0)
-CONTACT_COLOR: Color = (0.85, 0.05, 0.05, 1.0)
-CONTACT_RADIUS = 0.0025
-CONTACT_ARROW = 0.022
-ROUND_SECTIONS = 24
+ARC_SECTIONS = 24
 
 
-def render_grasps(target: TargetObject, hand: HandModel, grasps: Sequence[Grasp], path: str | Path) -> None:
-    """Write a PNG with one panel a grasp and, for several, one with all of them.
+class Triangles:
+    """Coloured triangles of a scene, collected body by body."""
+
+    def __init__(self) -> None:
+        self._vertices: list[FloatArray] = []
+        self._normals: list[FloatArray] = []
+        self._faces: list[IntArray] = []
+        self._colors: list[FloatArray] = []
+        self._count = 0
+
+    def add(self, mesh: trimesh.Trimesh, color: Color, T: FloatArray | None = None) -> None:
+        """Add a mesh, moved by ``T`` (4, 4)."""
+        vertices, normals = np.asarray(mesh.vertices), np.asarray(mesh.vertex_normals)
+        if T is not None:
+            vertices, normals = vertices @ T[:3, :3].T + T[:3, 3], normals @ T[:3, :3].T
+        self._vertices.append(vertices)
+        self._normals.append(normals)
+        self._faces.append(np.asarray(mesh.faces, dtype=np.int64) + self._count)
+        self._colors.append(np.tile(color, (len(mesh.faces), 1)))
+        self._count += len(vertices)
+
+    def points(self) -> FloatArray:
+        """Return all vertices, shape (n, 3)."""
+        return np.vstack(self._vertices)
+
+    def camera(self, direction: FloatArray) -> FloatArray:
+        """Return the pose of a camera that sees the whole scene from a direction, as large as it gets."""
+        points = self.points()
+        middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
+        T = look_at(middle + direction / np.linalg.norm(direction), middle)
+        local = (points - middle) @ T[:3, :3]
+        middle = middle + T[:3, :3] @ np.append((local[:, :2].min(axis=0) + local[:, :2].max(axis=0)) / 2.0, 0.0)
+        local = (points - middle) @ T[:3, :3]
+        # A point is in the picture if its sideways offset is below tan(half angle) times its distance.
+        spread = np.abs(local[:, :2]).max(axis=1) / (np.tan(FIELD_OF_VIEW / 2.0) * FILLED_SHARE)
+        return look_at(middle + T[:3, 2] * float((spread + local[:, 2]).max()), middle)
+
+    def picture(self, camera: FloatArray, pixels: int) -> Image:
+        """Render the scene as seen by a camera, shape (pixels, pixels, 3)."""
+        return render(
+            self.points(), np.vstack(self._normals), np.vstack(self._faces), np.vstack(self._colors), camera,
+            FIELD_OF_VIEW, pixels,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """A picture with the places of its contacts in it.
 
     Args:
-        target: the object.
-        hand: the hand of the grasps.
-        grasps: best first; at most ``MOST_PANELS`` get a panel of their own.
-        path: file to write; replaced when it exists.
-
-    Raises:
-        InvalidSettingsError: there is no grasp to draw.
+        title: the line above.
+        image: shape (pixels, pixels, 3).
+        contacts: (n, 2) column and row of each contact.
     """
-    if not grasps:
-        raise InvalidSettingsError("there is no grasp to draw")
-    colors = [rank_color(rank, len(grasps)) for rank in range(len(grasps))]
-    shown = list(zip(grasps, colors, strict=True))[:MOST_PANELS]
-    hands = [hand_mesh(hand, grasp) for grasp, _ in shown]
-    view = camera(target, hands)
-    panels = []
-    if len(shown) > 1:
-        pieces = [(mesh, color) for mesh, (_, color) in zip(hands, shown, strict=True)]
-        panels.append((f"{target.object_id}: {len(shown)} diverse grasps", draw(target, pieces, (), view)))
-    for rank, (mesh, (grasp, color)) in enumerate(zip(hands, shown, strict=True), start=1):
-        title = f"{rank}: epsilon {grasp.epsilon:.3f}, {len(grasp.contacts)} contacts"
-        panels.append((title, draw(target, [(mesh, color)], grasp.contacts, view)))
-    compose(panels, Path(path))
 
-
-def rank_color(rank: int, count: int) -> Color:
-    """Return a colour of its own for each of ``count`` grasps."""
-    r, g, b = colorsys.hsv_to_rgb(0.58 + rank / max(count, 1), 0.65, 0.9)
-    return (r, g, b, 1.0)
-
-
-def hand_mesh(hand: HandModel, grasp: Grasp) -> trimesh.Trimesh:
-    """Return the hand in the grasp's final posture, object frame."""
-    posture = grasp.hand_posture if grasp.hand_posture.names else None
-    pieces = []
-    for shape in hand.link_geometry(posture):
-        piece = shape_mesh(shape)
-        piece.apply_transform((grasp.T_object_tcp @ shape.T_tcp_shape).matrix)
-        pieces.append(piece)
-    return trimesh.util.concatenate(pieces)
+    title: str
+    image: Image
+    contacts: FloatArray
 
 
 def shape_mesh(shape: PlacedShape) -> trimesh.Trimesh:
-    """Return a link's shape as a mesh in its own frame."""
-    if shape.vertices is not None:
-        return trimesh.convex.convex_hull(shape.vertices)
+    """Return a triangle mesh of a hand's shape, in the shape's own frame."""
     if shape.kind == "box":
-        return trimesh.creation.box(extents=shape.dims)
+        return _faceted(trimesh.creation.box(shape.dims))
     if shape.kind == "sphere":
-        return trimesh.creation.icosphere(subdivisions=3, radius=shape.dims[0])
+        return trimesh.creation.icosphere(3, shape.dims[0])
+    if shape.kind == "capsule":
+        radius, length = shape.dims
+        capsule = trimesh.creation.capsule(length, radius, count=[ARC_SECTIONS, ARC_SECTIONS])
+        capsule.apply_translation(-capsule.bounds.mean(axis=0))
+        return capsule
     if shape.kind == "cylinder":
-        return trimesh.creation.cylinder(radius=shape.dims[0], height=shape.dims[1], sections=ROUND_SECTIONS)
-    capsule = trimesh.creation.capsule(
-        radius=shape.dims[0], height=shape.dims[1], count=(ROUND_SECTIONS,) * 2
-    )
-    capsule.apply_translation([0.0, 0.0, -float(capsule.bounds[:, 2].mean())])
-    return capsule
+        return _faceted(trimesh.creation.cylinder(*shape.dims, sections=ARC_SECTIONS))
+    return _faceted(trimesh.PointCloud(np.asarray(shape.vertices)).convex_hull)
 
 
-class Camera:
-    """Where a picture is taken from.
+def _faceted(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Return the mesh with its sharp edges kept sharp when shaded."""
+    return trimesh.graph.smooth_shade(mesh, angle=SMOOTH_ANGLE)
+
+
+def _add_hand(scene: Triangles, hand: HandModel, grasp: Grasp, color: Color) -> None:
+    T = grasp.T_object_tcp.matrix
+    for shape in hand.link_geometry(grasp.hand_posture):
+        scene.add(shape_mesh(shape), color, T @ shape.T_tcp_shape.matrix)
+
+
+def view_direction(hand: HandModel, grasp: Grasp) -> FloatArray:
+    """Return a direction to look from that shows palm, fingers and object: from the side of the fingertips."""
+    R = grasp.T_object_tcp.rotation.as_matrix()
+    palm, fingers = R @ hand.palm_normal, R[:, 0]
+    direction: FloatArray = fingers * 0.9 - palm * 0.25 + np.array([0.0, 0.0, 0.55])
+    return direction
+
+
+def draw_panel(
+    title: str, target: TargetObject, hand: HandModel, grasps: Sequence[Grasp], colors: Sequence[Color],
+    direction: FloatArray, pixels: int = PANEL_PIXELS,
+) -> Panel:
+    """Render an object with some hands, seen from a direction."""
+    scene = Triangles()
+    scene.add(_faceted(target.mesh), OBJECT_COLOR)
+    for grasp, color in zip(grasps, colors, strict=True):
+        _add_hand(scene, hand, grasp, color)
+    camera = scene.camera(direction)
+    contacts = [contact.position for grasp in grasps for contact in grasp.contacts]
+    places = project(np.array(contacts).reshape(-1, 3), camera, FIELD_OF_VIEW, pixels)
+    return Panel(title, scene.picture(camera, pixels), places)
+
+
+def caption(number: int, grasp: Grasp) -> str:
+    """Return the line above a panel."""
+    if grasp.outcome is not GraspOutcome.GRASPED:
+        return f"{number}: {grasp.outcome.name.lower().replace('_', ' ')}"
+    return f"{number}: quality {grasp.quality:.3f}, {len(grasp.contacts)} contacts"
+
+
+def render_grasps(
+    target: TargetObject, hand: HandModel, grasps: Sequence[Grasp], path: str | Path
+) -> None:
+    """Write a picture: all grasps together, then one panel a grasp (at most ``MOST_PANELS``), best first.
 
     Args:
-        points: what must fit into the picture, shape (n, 3), object frame, metres.
+        target: the object.
+        hand: the hand of all grasps.
+        grasps: grasps with their final postures; may be empty, then the object is drawn alone.
+        path: file to write; its suffix says the format (png).
     """
-
-    def __init__(self, points: FloatArray) -> None:
-        backward = VIEW_DIRECTION / np.linalg.norm(VIEW_DIRECTION)
-        right = np.cross([0.0, 0.0, 1.0], backward)
-        right /= np.linalg.norm(right)
-        axes = np.stack([right, np.cross(backward, right), backward])
-        seen = points @ axes.T
-        middle, half = (seen.max(axis=0) + seen.min(axis=0)) / 2.0, np.ptp(seen, axis=0) / 2.0
-        # The nearest points look largest: the frame must fit in front of them, not in the middle.
-        distance = PICTURE_MARGIN * half[:2].max() / np.tan(np.radians(FIELD_OF_VIEW / 2.0)) + half[2]
-        focus = middle @ axes
-        self.view = pybullet.computeViewMatrix(
-            (focus + distance * backward).tolist(), focus.tolist(), [0.0, 0.0, 1.0]
-        )
-        self.projection = pybullet.computeProjectionMatrixFOV(
-            FIELD_OF_VIEW, 1.0, 0.5 * (distance - half[2]), distance + 2.0 * half[2]
-        )
+    shown = list(grasps)[:MOST_PANELS]
+    colors = [HAND_COLORS[i % len(HAND_COLORS)] for i in range(len(shown))]
+    panels: list[Panel] = []
+    if len(shown) != 1:
+        title = f"{target.object_id}: {len(shown)} grasps" if shown else target.object_id
+        direction = view_direction(hand, shown[0]) if shown else DEFAULT_DIRECTION
+        panels.append(draw_panel(title, target, hand, shown, colors, direction))
+    for number, (grasp, color) in enumerate(zip(shown, colors, strict=True), start=1):
+        title = caption(number, grasp)
+        panels.append(draw_panel(title, target, hand, [grasp], [color], view_direction(hand, grasp)))
+    _compose(panels, path)
 
 
-def camera(target: TargetObject, hands: Sequence[trimesh.Trimesh]) -> Camera:
-    """Return a camera that sees the object and every hand."""
-    return Camera(np.concatenate([target.mesh.vertices, *(mesh.vertices for mesh in hands)]))
-
-
-def draw(
-    target: TargetObject,
-    hands: Sequence[tuple[trimesh.Trimesh, Color]],
-    contacts: Sequence[GraspContact],
-    view: Camera,
-) -> Image:
-    """Return a square picture, shape (n, n, 3), of the object, hands and contact normals."""
-    client = pybullet.connect(pybullet.DIRECT)
-    try:
-        with tempfile.TemporaryDirectory() as folder:
-            pieces = [(target.mesh, OBJECT_COLOR), *hands]
-            pieces += [(contact_mesh(contact), CONTACT_COLOR) for contact in contacts]
-            for number, (mesh, color) in enumerate(pieces):
-                _add_mesh(client, mesh, color, Path(folder) / f"{number}.obj")
-            size = PANEL_PIXELS * SUPERSAMPLING
-            _, _, pixels, _, _ = pybullet.getCameraImage(
-                size,
-                size,
-                view.view,
-                view.projection,
-                lightDirection=[0.5, 1.0, 1.4],
-                lightAmbientCoeff=0.55,
-                lightDiffuseCoeff=0.5,
-                lightSpecularCoeff=0.1,
-                shadow=0,
-                renderer=pybullet.ER_TINY_RENDERER,
-                physicsClientId=client,
-            )
-    finally:
-        pybullet.disconnect(physicsClientId=client)
-    image = np.reshape(np.asarray(pixels, dtype=np.float64), (size, size, 4))[:, :, :3]
-    blocks = image.reshape(PANEL_PIXELS, SUPERSAMPLING, PANEL_PIXELS, SUPERSAMPLING, 3)
-    smooth: Image = blocks.mean(axis=(1, 3)).astype(np.uint8)
-    return smooth
-
-
-def _add_mesh(client: int, mesh: trimesh.Trimesh, color: Color, path: Path) -> None:
-    # Bullet takes vertex normals from the file only; faces keep corners of their own, so edges stay sharp.
-    mesh.export(path, include_normals=True)
-    shape = pybullet.createVisualShape(
-        pybullet.GEOM_MESH, fileName=str(path), rgbaColor=color, physicsClientId=client
-    )
-    pybullet.createMultiBody(baseVisualShapeIndex=shape, physicsClientId=client)
-
-
-def contact_mesh(contact: GraspContact) -> trimesh.Trimesh:
-    """Return a needle along the contact normal that ends in the contact point."""
-    start = contact.position - CONTACT_ARROW * contact.normal
-    needle = trimesh.creation.cylinder(
-        radius=CONTACT_RADIUS / 3.0, segment=[start, contact.position], sections=8
-    )
-    tip = trimesh.creation.icosphere(subdivisions=2, radius=CONTACT_RADIUS)
-    tip.apply_translation(contact.position)
-    return trimesh.util.concatenate([needle, tip])
-
-
-def compose(panels: Sequence[tuple[str, Image]], path: Path) -> None:
-    """Write panels with their titles side by side."""
-    columns = min(len(panels), 5) if len(panels) <= 5 else -(-len(panels) // 2)
+def _compose(panels: Sequence[Panel], path: str | Path) -> None:
+    columns = len(panels) if len(panels) <= 5 else (len(panels) + 1) // 2
     rows = -(-len(panels) // columns)
-    figure = Figure(figsize=(3.0 * columns, 3.25 * rows), dpi=140, layout="constrained")
+    figure = Figure(figsize=(PANEL_INCHES * columns, (PANEL_INCHES + 0.25) * rows), layout="constrained")
     FigureCanvasAgg(figure)
-    for number, (title, image) in enumerate(panels, start=1):
-        axes = figure.add_subplot(rows, columns, number)
-        axes.imshow(image)
-        axes.set_title(title, fontsize=9)
-        axes.set_axis_off()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, format="png")
+    axes = figure.subplots(rows, columns, squeeze=False)
+    for axis in axes.flat:
+        axis.set_axis_off()
+    for axis, panel in zip(axes.flat, panels, strict=False):
+        axis.imshow(panel.image, interpolation="lanczos")
+        # Contacts lie between finger and object, so they are marked on top of both.
+        axis.scatter(*panel.contacts.T, s=14, c=[CONTACT_COLOR], edgecolors="white", linewidths=0.6, alpha=0.9)
+        axis.set_title(panel.title, fontsize=11)
+    figure.savefig(str(path), dpi=140)
