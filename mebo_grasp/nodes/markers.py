@@ -16,7 +16,7 @@ from mebo_grasp.errors import InvalidHandError
 from mebo_grasp.grasp import FloatArray, Grasp, GraspContact, Pose
 from mebo_grasp.grasping.hand_model import HandModel, PlacedShape
 from mebo_grasp.grasping.target_object import TargetObject
-from mebo_grasp.solutions.occlusion import Box, Cone, Cylinder, Occlusion, Sphere
+from mebo_grasp.solutions.occlusion import Box, Cone, Occlusion, Sphere, TriangleMesh
 from msg_adapters.pose import to_point_msg, to_pose_msg
 
 CONTACT_ARROW_LENGTH = 0.02
@@ -150,13 +150,15 @@ def _occlusion_marker(number: int, occlusion: Occlusion, frame_id: str) -> Marke
         # The cone's frame lies at mid-height, trimesh's at the base.
         cone.apply_translation([0.0, 0.0, -shape.height / 2.0])
         return _mesh_marker(frame_id, "occlusions", number, cone, pose, OCCLUSION_COLOR)
+    if isinstance(shape, TriangleMesh):
+        mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
+        return _mesh_marker(frame_id, "occlusions", number, mesh, pose, OCCLUSION_COLOR)
     if isinstance(shape, Box):
         kind, (x, y, z) = Marker.CUBE, shape.size
     elif isinstance(shape, Sphere):
         kind, x = Marker.SPHERE, 2.0 * shape.radius
         y = z = x
     else:
-        assert isinstance(shape, Cylinder)
         kind, x, z = Marker.CYLINDER, 2.0 * shape.radius, shape.height
         y = x
     marker = _marker(frame_id, "occlusions", number, kind, pose, OCCLUSION_COLOR)
