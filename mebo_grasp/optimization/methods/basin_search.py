@@ -4,7 +4,9 @@ The surrogate's structure is chosen by evidence. Candidates are the local maxima
 (mean plus standard deviation) and of the mean. Each has a local incumbent, the best observation in the same
 basin. A candidate's score is the expected improvement on its own incumbent times the probability that it
 reaches the level of the best. A basin that has been confirmed has little left to improve, so the search
-turns to the others by itself, and when all are confirmed it refines them.
+turns to the others by itself, and when all are confirmed it refines them. Every other trial of that last
+stage goes instead to where an unconfirmed basin of the top level is least improbable, because a surrogate
+that is too sure of itself would never look there.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy.optimize import minimize
 from scipy.special import log_ndtr, logsumexp
 
@@ -23,7 +26,7 @@ from mebo_grasp.optimization.acquisition.improvement import (
     log_normalized_improvement,
 )
 from mebo_grasp.optimization.initial_design import sobol
-from mebo_grasp.optimization.methods.base import IndexArray, MethodSettings
+from mebo_grasp.optimization.methods.base import IndexArray, MethodSettings, state_int
 from mebo_grasp.optimization.methods.common import MethodBase, check_count, without_repeats
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.search_space import SearchSpace
@@ -74,11 +77,40 @@ def level_of(posterior: GaussianProcess) -> Level:
     return Level(best, spread if spread > 0.0 else 1.0)
 
 
-def scores(mean: FloatArray, sd: FloatArray, incumbents: FloatArray, level: Level) -> FloatArray:
-    """Log of (expected improvement on the own incumbent × probability to reach the top), shape (m,)."""
-    improvement = np.log(sd) + log_normalized_improvement((mean - incumbents) / sd)
-    value: FloatArray = improvement + log_ndtr((mean - level.top) / sd)
-    return value
+@dataclass(frozen=True, eq=False)
+class View:
+    """What one member of the mixture believes of m candidates.
+
+    Args:
+        posterior: the member.
+        level: what counts as good for it.
+        mean: shape (m,), units of y.
+        sd: shape (m,).
+        own: value of each candidate's local incumbent, shape (m,).
+    """
+
+    posterior: GaussianProcess
+    level: Level
+    mean: FloatArray
+    sd: FloatArray
+    own: FloatArray
+
+    @property
+    def log_scores(self) -> FloatArray:
+        """Log of (expected improvement on the own incumbent × probability to reach the top), shape (m,)."""
+        improvement = np.log(self.sd) + log_normalized_improvement((self.mean - self.own) / self.sd)
+        value: FloatArray = improvement + log_ndtr(self.margins)
+        return value
+
+    @property
+    def margins(self) -> FloatArray:
+        """Standard deviations by which the mean exceeds the top level, shape (m,)."""
+        return (self.mean - self.level.top) / self.sd
+
+    @property
+    def confirmed(self) -> npt.NDArray[np.bool_]:
+        """Whether the incumbent has reached the top level, shape (m,)."""
+        return self.own >= self.level.top
 
 
 class BasinSearch(MethodBase):
@@ -94,6 +126,7 @@ class BasinSearch(MethodBase):
     def __init__(self, space: SearchSpace, settings: MethodSettings) -> None:
         super().__init__(space, settings)
         self.surrogate = StructuredSurrogate(space.dim, settings.relearn_period)
+        self._refinements = 0
 
     def propose(self, observations: Observations, count: int, rng: np.random.Generator) -> FloatArray:
         """Return the next points, shape (count, d)."""
@@ -110,12 +143,23 @@ class BasinSearch(MethodBase):
 
     def _select(self, mixture: Mixture, count: int, rng: np.random.Generator) -> FloatArray:
         levels = [level_of(posterior) for posterior in mixture.posteriors]
-        candidates = np.concatenate([find_candidates(posterior, rng) for posterior in mixture.posteriors])
+        candidates = np.concatenate(
+            [
+                find_candidates(posterior, level, rng)
+                for posterior, level in zip(mixture.posteriors, levels, strict=True)
+            ]
+        )
         picks: list[FloatArray] = []
         for _ in range(count):
-            picks.append(pick(mixture, candidates, levels))
-            mixture = mixture.condition_on(picks[-1][None])
-        self._phase = "basins"
+            views = [
+                view_of(posterior, candidates, level)
+                for posterior, level in zip(mixture.posteriors, levels, strict=True)
+            ]
+            point, phase = pick(mixture, views, candidates, self._refinements % 2 == 1)
+            self._refinements += phase != "search"
+            self._phase = phase
+            picks.append(point)
+            mixture = mixture.condition_on(point[None])
         return np.stack(picks)
 
     def solution_set(
@@ -137,19 +181,24 @@ class BasinSearch(MethodBase):
 
     def state(self) -> dict[str, Any]:
         """Phase and the surrogate's state."""
-        return {**super().state(), "surrogate": self.surrogate.state()}
+        return {
+            **super().state(),
+            "refinements": self._refinements,
+            "surrogate": self.surrogate.state(),
+        }
 
     def restore(self, state: dict[str, Any]) -> None:
         """Continue from ``state``."""
         super().restore(state)
+        self._refinements = state_int(state, "refinements")
         surrogate = state.get("surrogate")
         if not isinstance(surrogate, dict):
             raise RunLogError(f"the method's state needs the surrogate's, got {surrogate!r}")
         self.surrogate.restore(surrogate)
 
 
-def find_candidates(posterior: GaussianProcess, rng: np.random.Generator) -> FloatArray:
-    """Local maxima of mean plus standard deviation and of the mean, shape (m, d)."""
+def find_candidates(posterior: GaussianProcess, level: Level, rng: np.random.Generator) -> FloatArray:
+    """Local maxima of mean plus standard deviation, of the mean, and of the margin, shape (m, d)."""
     coordinates = basins.Coordinates(posterior)
     net = np.concatenate([basins.search_net(posterior, NET_SIZE, rng), posterior.U])
     where = coordinates(net)
@@ -157,37 +206,48 @@ def find_candidates(posterior: GaussianProcess, rng: np.random.Generator) -> Flo
     neighbours = 2 * posterior.dim + 2
     hopeful = basins.neighbourhood_maxima(mean + sd, where, neighbours)[:MAX_CANDIDATES]
     peaks = basins.neighbourhood_maxima(mean, where, neighbours)[:MAX_CANDIDATES]
+    improbable = basins.neighbourhood_maxima((mean - level.top) / sd, where, neighbours)[:MAX_CANDIDATES]
     scales = np.minimum(np.ptp(net, axis=0) / np.maximum(np.ptp(where, axis=0), 1e-9), 1.0)
     points = np.concatenate(
         [
             basins.ascend(optimistic(posterior), net[hopeful], scales, 10),
             basins.ascend(expected(posterior), net[peaks], scales, 16),
+            net[improbable],
         ]
     )
     mean, sd = posterior.predict(points)
     return points[basins.distinct(mean + sd, coordinates(points), basins.SAME_MAXIMUM)]
 
 
-def pick(mixture: Mixture, candidates: FloatArray, levels: list[Level]) -> FloatArray:
-    """The candidate with the highest expected score, refined; shape (d,)."""
-    own = np.stack(
-        [
-            local_incumbents(posterior, candidates, level)
-            for posterior, level in zip(mixture.posteriors, levels, strict=True)
-        ]
-    )
-    value = np.stack(
-        [
-            scores(*posterior.predict(candidates), incumbents, level)
-            for posterior, incumbents, level in zip(mixture.posteriors, own, levels, strict=True)
-        ]
-    )
-    # Scales differ little between members, all fit the same values, so their scores may be averaged.
-    value += np.log(mixture.shares)[:, None]
+def view_of(posterior: GaussianProcess, candidates: FloatArray, level: Level) -> View:
+    """Look at candidates, shape (m, d)."""
+    mean, sd = posterior.predict(candidates)
+    return View(posterior, level, mean, sd, local_incumbents(posterior, candidates, level))
+
+
+def pick(
+    mixture: Mixture, views: list[View], candidates: FloatArray, explore: bool
+) -> tuple[FloatArray, str]:
+    """The candidate with the highest expected score, refined, shape (d,), and why it is taken.
+
+    Args:
+        mixture: what is believed.
+        views: one a member.
+        candidates: shape (m, d).
+        explore: whether to look for the least improbable new basin if the best candidate's is confirmed.
+    """
+    # All members fit the same values, so their scores have the same units and may be averaged.
+    value = np.stack([view.log_scores for view in views]) + np.log(mixture.shares)[:, None]
     best = int(np.argmax(logsumexp(value, axis=0)))
     # The member that expects most of this candidate places the point.
-    member = int(np.argmax(value[:, best]))
-    return refine(mixture.posteriors[member], candidates[best], float(own[member, best]), levels[member])
+    view = views[int(np.argmax(value[:, best]))]
+    if not view.confirmed[best]:
+        return refine(view.posterior, candidates[best], float(view.own[best]), view.level), "search"
+    if explore:
+        margins = np.max([np.where(view.confirmed, -np.inf, view.margins) for view in views], axis=0)
+        if np.any(np.isfinite(margins)):
+            return candidates[int(np.argmax(margins))], "exploration"
+    return refine(view.posterior, candidates[best], float(view.own[best]), view.level), "refinement"
 
 
 def local_incumbents(posterior: GaussianProcess, candidates: FloatArray, level: Level) -> FloatArray:

@@ -146,7 +146,7 @@ class Mixture:
 
 
 def family(dim: int) -> tuple[Structure, ...]:
-    """The structures that are compared in ``dim`` dimensions; simpler ones come before those built on them."""
+    """The structures that are compared in ``dim`` dimensions; simpler ones before those built on them."""
     coupled = [Structure(MATERN52), Structure(SQUARED_EXPONENTIAL)]
     additive: list[Structure] = []
     if dim > 1:
