@@ -35,8 +35,10 @@ class LearningSettings:
         n_starts: starting points of the first learning: the prior's median, then draws from the prior.
         n_restarts: starting points besides the current hyperparameters in later learnings, chosen alike.
         max_iterations: of L-BFGS-B from each start.
-        max_points: above this number of observations a subset is used (the best tenth and a random rest),
-            which keeps the cost of learning constant as n grows.
+        scout_points: above this number of observations the starting points are first climbed from on a
+            subset, and only the best of where they end is climbed from on all observations.
+        max_points: above this number a subset (the best tenth and a random rest) stands for all
+            observations, which keeps the cost of learning constant as n grows.
 
     Raises:
         InvalidSettingsError: a number is below 1 (``n_restarts`` below 0).
@@ -45,12 +47,14 @@ class LearningSettings:
     n_starts: int = 3
     n_restarts: int = 1
     max_iterations: int = 40
+    scout_points: int = 150
     max_points: int = 600
 
     def __post_init__(self) -> None:
-        if min(self.n_starts, self.max_iterations) < 1 or self.n_restarts < 0 or self.max_points < 2:
+        few = min(self.scout_points, self.max_points)
+        if min(self.n_starts, self.max_iterations) < 1 or self.n_restarts < 0 or few < 2:
             raise InvalidSettingsError(
-                "need n_starts and max_iterations >= 1, n_restarts >= 0 and max_points >= 2, "
+                "need n_starts and max_iterations >= 1, n_restarts >= 0 and points >= 2, "
                 f"got {self}"
             )
 
@@ -105,12 +109,31 @@ def learn(
     prior = full_prior(U.shape[1], kernel)
     mask = subset(z, settings.max_points, rng)
     U, z = np.ascontiguousarray(U[mask]), z[mask]
-    best_vector, best_value = prior.mean, -np.inf
-    for start in _starts(prior, current, rng, settings):
-        vector, value = _climb(start, U, z, kernel, prior, settings.max_iterations)
-        if value > best_value:
-            best_vector, best_value = vector, value
+    starts = _starts(prior, current, rng, settings)
+    if len(z) > settings.scout_points:
+        starts = [_scouted(starts, current is not None, U, z, kernel, prior, rng, settings)]
+    ends = [_climb(start, U, z, kernel, prior, settings.max_iterations) for start in starts]
+    best_vector, best_value = max(ends, key=lambda end: end[1])
     return Hyperparameters.from_vector(best_vector), best_value
+
+
+def _scouted(
+    starts: list[FloatArray],
+    first_is_known: bool,
+    U: FloatArray,
+    z: FloatArray,
+    kernel: Kernel,
+    prior: LogNormalPrior,
+    rng: np.random.Generator,
+    settings: LearningSettings,
+) -> FloatArray:
+    """Climb from the starts on a subset; return the best end, or known start, on all observations."""
+    mask = subset(z, settings.scout_points, rng)
+    few_U, few_z = np.ascontiguousarray(U[mask]), z[mask]
+    fresh = starts[1:] if first_is_known else starts
+    ends = [_climb(start, few_U, few_z, kernel, prior, settings.max_iterations)[0] for start in fresh]
+    candidates = [*starts[:1], *ends] if first_is_known else ends
+    return min(candidates, key=lambda vector: _loss(vector, U, z, kernel, prior)[0])
 
 
 def _starts(
@@ -135,17 +158,20 @@ def _climb(
     prior: LogNormalPrior,
     max_iterations: int,
 ) -> tuple[FloatArray, float]:
-    def objective(vector: FloatArray) -> tuple[float, FloatArray]:
-        try:
-            value, gradient = log_posterior_and_gradient(vector, U, z, kernel, prior)
-        except InvalidSettingsError:
-            # Where the covariance is numerically singular the line search shall back off.
-            return 1e25, np.zeros_like(vector)
-        return -value, -gradient
-
     result = minimize(
-        objective, start, jac=True, method="L-BFGS-B",
+        _loss, start, (U, z, kernel, prior), jac=True, method="L-BFGS-B",
         bounds=list(zip(prior.lower, prior.upper, strict=True)),
         options={"maxiter": max_iterations, "ftol": 1e-6, "gtol": 1e-3},
     )
     return np.asarray(result.x, dtype=np.float64), -float(result.fun)
+
+
+def _loss(
+    vector: FloatArray, U: FloatArray, z: FloatArray, kernel: Kernel, prior: LogNormalPrior
+) -> tuple[float, FloatArray]:
+    try:
+        value, gradient = log_posterior_and_gradient(vector, U, z, kernel, prior)
+    except InvalidSettingsError:
+        # Where the covariance is numerically singular the line search shall back off.
+        return 1e25, np.zeros_like(vector)
+    return -value, -gradient
