@@ -11,7 +11,9 @@ setup(
     version="0.1.0",
     packages=find_packages(include=["mebo_grasp*", "msg_adapters*"], exclude=["mebo_grasp_interfaces*"]),
     package_data={
-        "mebo_grasp": ["py.typed", "grasping/hands/*", "experiments/problems/data/*"],
+        "mebo_grasp": [
+            "py.typed", "grasping/hands/*", "experiments/problems/data/*", "solutions/*.html",
+        ],
         "msg_adapters": ["py.typed"],
     },
     data_files=[

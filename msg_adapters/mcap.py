@@ -115,7 +115,7 @@ def read_mcap(path: str | Path, expected_frame: str, topic: str = TOPIC) -> Iter
     except InvalidFileError:
         raise
     except Exception as error:
-        # The reader fails in as many ways as a file can be broken: its own errors, struct's, the decompressors'.
+        # A broken file makes the reader fail in many ways: its own errors, those of struct and zstandard.
         raise InvalidFileError(f"cannot read {path}: {type(error).__name__} {error}") from error
 
 

@@ -11,25 +11,29 @@ from mebo_grasp.grasp import Pose, StampedGrasp
 from mebo_grasp.solutions.archive import SolutionArchive
 from mebo_grasp.solutions.best_grasp import BestGraspAnswer, BestGraspQuery
 from mebo_grasp.solutions.diversity import PoseMetric
-from mebo_grasp.solutions.occlusion import Occlusion
+from mebo_grasp.solutions.occlusion import Occlusion, Sphere
 from test.property.solution_strategies import OBJECT, many_grasps, occlusions, trials
 
 METRIC = PoseMetric(rotation_weight=0.05)
 
 
-def plain_distance(a: Pose, b: Pose) -> float:
+def plain_distance(a: Pose, b: Pose, metric: PoseMetric) -> float:
+    if metric.symmetry_axis is not None:
+        return metric.distance(a, b)  # checked by itself in test_solutions_metric
     relative = Rotation.from_quat(a.quaternion_xyzw).inv() * Rotation.from_quat(b.quaternion_xyzw)
     return math.hypot(
-        math.dist(a.position, b.position), METRIC.rotation_weight * float(relative.magnitude())
+        math.dist(a.position, b.position), metric.rotation_weight * float(relative.magnitude())
     )
 
 
-def plain_blockers(query: BestGraspQuery, stamped: StampedGrasp) -> list[Occlusion]:
+def is_blocked(query: BestGraspQuery, stamped: StampedGrasp) -> bool:
     point = stamped.grasp.T_object_tcp.position
-    return [occlusion for occlusion in query.occlusions if occlusion.contains(point[None])[0]]
+    return any(occlusion.contains(point[None])[0] for occlusion in query.occlusions)
 
 
-def plain_answer(query: BestGraspQuery, stored: list[StampedGrasp]) -> tuple[list[int], int, int]:
+def plain_answer(
+    query: BestGraspQuery, stored: list[StampedGrasp], metric: PoseMetric = METRIC
+) -> tuple[list[int], int, int]:
     """Stamps, considered, occluded, from one loop over the grasps sorted by quality and stamp."""
     chosen: list[StampedGrasp] = []
     considered = occluded = 0
@@ -38,24 +42,31 @@ def plain_answer(query: BestGraspQuery, stored: list[StampedGrasp]) -> tuple[lis
         if len(chosen) == query.max_grasps:
             break
         considered += 1
-        if plain_blockers(query, stamped):
+        if is_blocked(query, stamped):
             occluded += 1
         elif all(
-            plain_distance(stamped.grasp.T_object_tcp, c.grasp.T_object_tcp) >= query.min_diversity
+            plain_distance(stamped.grasp.T_object_tcp, c.grasp.T_object_tcp, metric)
+            >= query.min_diversity
             for c in chosen
         ):
             chosen.append(stamped)
     return [stamped.stamp_ns for stamped in chosen], considered, occluded
 
 
-def check(answer: BestGraspAnswer, query: BestGraspQuery, stored: list[StampedGrasp]) -> None:
-    stamps, considered, occluded = plain_answer(query, stored)
+def check(
+    answer: BestGraspAnswer,
+    query: BestGraspQuery,
+    stored: list[StampedGrasp],
+    metric: PoseMetric = METRIC,
+) -> None:
+    stamps, considered, occluded = plain_answer(query, stored, metric)
     assert [stamped.stamp_ns for stamped in answer.grasps] == stamps
     assert (answer.considered, answer.occluded) == (considered, occluded)
     assert sum(count for _, count in answer.blocked_by) == occluded
-    blockers = [o.id for s in stored for o in plain_blockers(query, s)]
+    tcps = np.array([s.grasp.T_object_tcp.position for s in stored]).reshape(-1, 3)
     for name, count in answer.blocked_by:
-        assert count <= blockers.count(name)
+        (blocker,) = (occlusion for occlusion in query.occlusions if occlusion.id == name)
+        assert count <= blocker.contains(tcps).sum()
     assert bool(answer.explanation) == (not answer.grasps)
 
 
@@ -87,7 +98,8 @@ def test_the_answer_is_that_of_a_loop_over_all_grasps(
 def test_the_answer_over_thousands_of_grasps_is_that_of_a_loop(query: BestGraspQuery, seed: int) -> None:
     stored = many_grasps(3000, np.random.default_rng(seed))
     with SolutionArchive(":memory:", OBJECT, METRIC) as archive:
-        for stamped in stored:
+        archive.add_many(stored[:-100])
+        for stamped in stored[-100:]:
             archive.add(stamped)
         check(archive.best(query), query, stored)
 
@@ -104,3 +116,34 @@ def test_the_set_is_greedy_and_mutually_diverse_after_every_trial(
             solutions = archive.solution_set(size, min_distance)
             expected, _, _ = plain_answer(query, stored[:count])
             assert [s.stamp_ns for s in solutions.grasps] == expected
+
+
+@settings(deadline=None, max_examples=5)
+@given(query=queries, seed=st.integers(0, 2**32 - 1), axis=st.sampled_from([None, (0.0, 0.6, 0.8)]))
+def test_the_answer_stays_right_while_trees_are_made_in_the_background(
+    query: BestGraspQuery, seed: int, axis: tuple[float, float, float] | None
+) -> None:
+    stored = many_grasps(6000, np.random.default_rng(seed))
+    metric = PoseMetric(0.05, axis)
+    with SolutionArchive(":memory:", OBJECT, metric) as archive:
+        archive.add_many(stored[:5000])
+        for count in range(5000, 6000):
+            archive.add(stored[count])
+            if count % 250 == 0:
+                check(archive.best(query), query, stored[: count + 1], metric)
+        archive.add_many(stored)
+        check(archive.best(query), query, stored, metric)
+
+
+@settings(deadline=None, max_examples=15)
+@given(seed=st.integers(0, 2**32 - 1), wanted=st.integers(1, 20))
+def test_more_shapes_than_a_node_can_rule_out_are_all_asked(seed: int, wanted: int) -> None:
+    rng = np.random.default_rng(seed)
+    stored = many_grasps(600, rng)
+    scattered = tuple(
+        Occlusion(f"o{i}", Sphere(0.02), Pose(rng.uniform(-0.15, 0.15, 3))) for i in range(100)
+    )
+    query = BestGraspQuery(scattered, wanted)
+    with SolutionArchive(":memory:", OBJECT) as archive:
+        archive.add_many(stored)
+        check(archive.best(query), query, stored)

@@ -1,0 +1,80 @@
+"""Older archives are brought to the newest version with all that they hold."""
+
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mebo_grasp.errors import InvalidQueryError
+from mebo_grasp.grasp import Grasp, GraspOutcome, Pose, StampedGrasp
+from mebo_grasp.solutions.archive import SolutionArchive
+from mebo_grasp.solutions.best_grasp import BestGraspQuery
+from mebo_grasp.solutions.blocking import BlockingRule
+from mebo_grasp.solutions.hand_volume import HandVolume
+from mebo_grasp.solutions.occlusion import Occlusion, Sphere
+from mebo_grasp.solutions.schema import MIGRATIONS, prepare_schema, schema_version
+
+BALL = HandVolume(np.array([[0.0, 0.0, -0.05]]), np.array([[0.0, 0.0, -0.05]]), np.array([0.02]))
+BEHIND = Occlusion("behind", Sphere(0.02), Pose(np.array([0.0, 0.0, -0.08])))
+BY_HAND = BestGraspQuery((BEHIND,), rule=BlockingRule.HAND)
+
+
+def make_version_1(path: Path) -> None:
+    """Write an archive as version 1 did: one grasp, one worthless trial, one that failed."""
+    connection = sqlite3.connect(path, isolation_level=None)
+    prepare_schema(connection, str(path), MIGRATIONS[:1])
+    connection.execute("INSERT INTO object (id, name) VALUES (1, 'bottle')")
+    connection.execute("INSERT INTO session (id, begun_ns) VALUES (1, 5)")
+    for stamp, outcome, quality in ((10, 0, 0.5), (11, 1, 0.0), (12, 3, None)):
+        connection.execute(
+            "INSERT INTO trial VALUES (1, ?, 1, ?, ?, 0, 0, 0, 0, 0, 0, 1, ?, ?, ?, 0)",
+            (stamp, outcome, quality, quality, quality, quality),
+        )
+        connection.execute(
+            "INSERT INTO trial_detail VALUES (1, ?, 'icub', 0.1, '', '[]', x'', '[]', x'')", (stamp,)
+        )
+    connection.close()
+
+
+def test_an_archive_of_version_1_keeps_its_trials_and_learns_hand_volumes(tmp_path: Path) -> None:
+    path = tmp_path / "archive.db"
+    make_version_1(path)
+    with SolutionArchive(path, "bottle") as archive:
+        assert [s.stamp_ns for s in archive.grasps] == [10, 11, 12]
+        with pytest.raises(InvalidQueryError, match="hand_volume"):
+            archive.best(BY_HAND)
+    with SolutionArchive(path, "bottle", hand_volume=lambda _: BALL) as archive:
+        assert archive.best(BY_HAND).occluded == 1
+        assert len(archive.best(BestGraspQuery((BEHIND,))).grasps) == 1
+    connection = sqlite3.connect(path)
+    assert schema_version(connection) == len(MIGRATIONS) == 2
+    (stored,) = connection.execute("SELECT hand_volume FROM trial WHERE stamp_ns = 10").fetchone()
+    connection.close()
+    np.testing.assert_array_equal(np.frombuffer(stored, "<i2").reshape(-1, 7), BALL.packed())
+
+
+def test_a_step_that_fails_leaves_the_older_version_whole(tmp_path: Path) -> None:
+    path = tmp_path / "archive.db"
+    make_version_1(path)
+    connection = sqlite3.connect(path, isolation_level=None)
+    broken = (MIGRATIONS[0], "ALTER TABLE trial ADD COLUMN extra BLOB; DROP TABLE missing")
+    with pytest.raises(sqlite3.OperationalError, match="missing"):
+        prepare_schema(connection, str(path), broken)
+    assert schema_version(connection) == 1
+    columns = [row[1] for row in connection.execute("PRAGMA table_info(trial)")]
+    connection.close()
+    assert "extra" not in columns
+    with SolutionArchive(path, "bottle") as archive:
+        assert len(archive) == 3
+
+
+def test_sessions_are_told_apart(tmp_path: Path) -> None:
+    path = tmp_path / "archive.db"
+    for first in (0, 10):
+        with SolutionArchive(path, "bottle") as archive:
+            for stamp in range(first, first + 3):
+                archive.add(StampedGrasp(stamp, Grasp(Pose.identity(), GraspOutcome.NO_CONTACT, 0.0)))
+    with SolutionArchive(path, "bottle") as archive:  # opening alone makes no session
+        assert [(session.id, session.trials) for session in archive.sessions] == [(1, 3), (2, 3)]
+        assert archive.sessions[0].begun_ns <= archive.sessions[1].begun_ns
