@@ -9,6 +9,7 @@ import numpy.typing as npt
 import pybullet
 from numba import njit
 
+from mebo_grasp.grasping.engine import GAP_CALLBACK, QUERY_RANGE
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.grasping.urdf import LinkShape
 
@@ -17,8 +18,6 @@ IntArray = npt.NDArray[np.int64]
 
 HULL_MARGIN = 1e-3
 """Bullet inflates every convex mesh by this much (metres); gaps and points are corrected for it."""
-QUERY_RANGE = 0.012
-"""Gaps beyond this are reported as this, metres."""
 
 
 def bounding_radius(shape: LinkShape) -> float:
@@ -85,12 +84,19 @@ class BulletWorld:
         target: the object; its convex parts become convex shapes, a bare surface a triangle mesh.
         shapes: the shapes that will be asked about, in the order of their indices.
         T_group_shape: (P, 4, 4) pose of each shape in the frame of its rigid group.
+        pose: (4, 4) array in which the compiled loop writes a group's pose before it calls ``callback``.
+
+    Attributes:
+        callback: C function that returns the gap of a shape whose group stands at ``pose``.
     """
 
     def __init__(
-        self, target: TargetObject, shapes: tuple[LinkShape, ...], T_group_shape: FloatArray
+        self, target: TargetObject, shapes: tuple[LinkShape, ...], T_group_shape: FloatArray, pose: FloatArray
     ) -> None:
         self._client = pybullet.connect(pybullet.DIRECT)
+        self._pose = pose
+        self._error: BaseException | None = None
+        self.callback = GAP_CALLBACK(self._answer)
         self._margin_object = HULL_MARGIN if target.solid_parts else 0.0
         self._bodies = self._object_bodies(target)
         self._shapes = [self._hand_shape(shape) for shape in shapes]
@@ -166,6 +172,20 @@ class BulletWorld:
         inward = (float(direction[0]), float(direction[1]), float(direction[2]))
         on_surface = tuple(float(point[k]) + inward[k] * self._margin_object for k in range(3))
         return float(best), (on_surface[0], on_surface[1], on_surface[2]), inward
+
+    def _answer(self, index: int) -> float:
+        try:
+            return self.closest(index, self._pose)[0]
+        except BaseException as error:
+            # An exception cannot pass through compiled code; it is kept and raised when that has returned.
+            self._error = error
+            return 0.0
+
+    def raise_pending(self) -> None:
+        """Raise what went wrong within the callback, if anything did."""
+        if self._error is not None:
+            error, self._error = self._error, None
+            raise error
 
     def close(self) -> None:
         """Free the world; closing twice does no harm."""

@@ -6,9 +6,8 @@ another link goes as far as it can (here to a gap below ``gap_tolerance``, by ro
 outer joints go on. A finger is done when none of its joints can move. When all are done, every finger is
 tried once more, until a whole pass moves nothing.
 
-The loop asks for an exact distance only when bounds cannot decide. It then returns the shape in question; the
-caller puts the answer into the notebook (``answer``) and calls again. A step is replayed from its start with
-the answers known so far, so that the loop itself holds no half-made decisions.
+Bounds on the gaps, from the distance field and from how far links can have moved, decide most steps; only
+where they cannot is the exact gap asked of the engine.
 """
 
 from __future__ import annotations
@@ -20,12 +19,14 @@ import numpy.typing as npt
 from numba import njit
 
 from mebo_grasp.grasping.distance_field import DistanceField
+from mebo_grasp.grasping.engine import Engine, exact_gap
 from mebo_grasp.grasping.hand_arrays import MOST_JOINTS, HandArrays
 from mebo_grasp.grasping.hand_motion import (
     HandPoses,
     carry_bounds,
     gap_bounds,
     place_finger,
+    place_hand,
     self_gap_of_finger,
     shape_motion,
     try_joint_value,
@@ -34,18 +35,14 @@ from mebo_grasp.grasping.hand_motion import (
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-DONE = -1
-MOST_NOTES = 512
 MOST_ROUNDS = 4000
 MOST_PASSES = 12
 MOST_SEARCH_STEPS = 24
 SMALLEST_MOVE = 2e-4
 """A joint that can move by less than this share of a step counts as blocked."""
 
-FREE, BLOCKED, ASK = 0, 1, 2
+FREE, BLOCKED, TOUCHES = 0, 1, 2
 OTHER_LINK = MOST_JOINTS
-FINGER, JOINT, MOVED, PASS_MOVED, ROUND, PASS, NOTES, ASKED = range(8)
-"""Places in ``ClosingState.cursor``."""
 
 
 class ClosingRule(NamedTuple):
@@ -66,21 +63,20 @@ class ClosingState(NamedTuple):
     """What changes while a hand closes, besides its poses.
 
     Attributes:
-        cursor: integers, see ``FINGER`` and the names after it.
         done: (F,) whether a finger is done in this pass.
         halted: (F,) whether a finger is stopped for good (rule ``whole_finger``).
         credit: (F,) rounds that a finger can close clear of the object.
         stamp: (F, J) number of moves of the group of joint j, which joints up to j move.
         moves: (1,) number of moves of all.
-        blocked_by: (F, J) which joint's group holds a joint up by touching the object; -1 none, OTHER_LINK another link.
+        blocked_by: (F, J) which joint's group holds a joint up by touching the object; -1 none, OTHER_LINK another
+            link.
         blocked_at: (F, J) stamp of that group (or ``moves``) when it did.
         gap, gap_stamp: (P,) exact gap of a shape, and the stamp of its group then; -1 never.
-        note_shape, note_share, note_gap: (N,) answers within the present step.
+        seen: (P,) exact gap of a shape in the posture last tried, NaN if a bound was enough.
         hit: (P,) whether the full step now tried brings a shape into the object.
         nearest: (1,) joint of the innermost group that touches in the posture last tried; -1 none.
     """
 
-    cursor: IntArray
     done: npt.NDArray[np.bool_]
     halted: npt.NDArray[np.bool_]
     credit: IntArray
@@ -90,9 +86,7 @@ class ClosingState(NamedTuple):
     blocked_at: IntArray
     gap: FloatArray
     gap_stamp: IntArray
-    note_shape: IntArray
-    note_share: FloatArray
-    note_gap: FloatArray
+    seen: FloatArray
     hit: npt.NDArray[np.bool_]
     nearest: IntArray
 
@@ -102,17 +96,14 @@ def new_state(hand: HandArrays) -> ClosingState:
     F, J = hand.start.shape
     P = len(hand.shape_group)
     return ClosingState(
-        np.zeros(8, np.int64), np.zeros(F, np.bool_), np.zeros(F, np.bool_), np.zeros(F, np.int64),
-        np.zeros((F, J), np.int64), np.zeros(1, np.int64), np.zeros((F, J), np.int64), np.zeros((F, J), np.int64),
-        np.zeros(P), np.zeros(P, np.int64), np.zeros(MOST_NOTES, np.int64), np.zeros(MOST_NOTES),
-        np.zeros(MOST_NOTES), np.zeros(P, np.bool_), np.zeros(1, np.int64),
+        np.zeros(F, np.bool_), np.zeros(F, np.bool_), np.zeros(F, np.int64), np.zeros((F, J), np.int64),
+        np.zeros(1, np.int64), np.zeros((F, J), np.int64), np.zeros((F, J), np.int64), np.zeros(P),
+        np.zeros(P, np.int64), np.zeros(P), np.zeros(P, np.bool_), np.zeros(1, np.int64),
     )
 
 
 @njit(cache=True)
-def begin(state: ClosingState) -> None:
-    """Forget the trial before."""
-    state.cursor[:] = 0
+def _begin(state: ClosingState) -> None:
     state.done[:] = False
     state.halted[:] = False
     state.credit[:] = 0
@@ -123,28 +114,43 @@ def begin(state: ClosingState) -> None:
 
 
 @njit(cache=True)
-def answer(state: ClosingState, gap: float) -> None:
-    """Note the exact gap that ``advance`` asked for."""
-    state.note_gap[state.cursor[NOTES]] = gap
-    state.cursor[NOTES] += 1
+def starts_in_collision(
+    hand: HandArrays, field: DistanceField, engine: Engine, poses: HandPoses
+) -> bool:
+    """Whether the hand overlaps the object where it stands; else the gaps of its shapes are bounded."""
+    for shape in range(hand.shape_group.shape[0]):
+        lower, upper = gap_bounds(hand, field, poses.group[hand.shape_group[shape]], shape)
+        if upper < 0.0:
+            return True
+        poses.bound[shape] = lower
+    for shape in range(hand.shape_group.shape[0]):
+        if poses.bound[shape] <= 0.0:
+            gap = exact_gap(engine, hand, field, poses.group[hand.shape_group[shape]], shape)
+            if gap <= 0.0:
+                return True
+            poses.bound[shape] = gap
+    return False
 
 
 @njit(cache=True)
-def _known_gap(state: ClosingState, stamp: int, shape: int, share: float) -> float:
-    if share == 0.0 and state.gap_stamp[shape] == stamp:
-        return state.gap[shape]
-    for i in range(state.cursor[NOTES]):
-        if state.note_shape[i] == shape and state.note_share[i] == share:
-            return state.note_gap[i]
-    return np.nan
+def run_trial(
+    hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses,
+    state: ClosingState, T: FloatArray,
+) -> bool:
+    """Place the open hand and close it; False if it collides where it is placed."""
+    place_hand(hand, poses, T)
+    if starts_in_collision(hand, field, engine, poses):
+        return False
+    close_fingers(hand, field, engine, rule, poses, state)
+    return True
 
 
 @njit(cache=True)
 def _gap_after(
-    hand: HandArrays, field: DistanceField, rule: ClosingRule, poses: HandPoses, state: ClosingState,
-    f: int, j: int, share: float,
+    hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses,
+    state: ClosingState, f: int, j: int, share: float,
 ) -> tuple[float, float]:
-    """Return the smallest gaps to the object and to the hand after a share of a step; NaN asks for a query.
+    """Return the smallest gaps to the object and to the hand after a share of a step.
 
     Gaps beyond the tolerance may be lower bounds.
     """
@@ -155,20 +161,7 @@ def _gap_after(
     for i in range(j, hand.joint_count[f]):
         group = f * MOST_JOINTS + i
         for shape in range(hand.group_shapes[group], hand.group_shapes[group + 1]):
-            if share == 1.0:
-                state.hit[shape] = False
-            gap = _known_gap(state, state.stamp[f, i], shape, share)
-            if np.isnan(gap):
-                lower = poses.bound[shape] - abs(turn) * hand.reach[shape, j]
-                if lower <= rule.gap_tolerance:
-                    lower = max(lower, gap_bounds(hand, field, poses.trial[i], shape)[0])
-                if lower > rule.gap_tolerance:
-                    to_object = min(to_object, lower)
-                    continue
-                state.cursor[ASKED] = shape
-                state.note_shape[state.cursor[NOTES]] = shape
-                state.note_share[state.cursor[NOTES]] = share
-                return np.nan, np.nan
+            gap = _gap_of_shape_after(hand, field, engine, rule, poses, state, shape, i, abs(turn) * hand.reach[shape, j])
             if share == 1.0:
                 state.hit[shape] = gap <= 0.0
             if 0.0 < gap <= rule.gap_tolerance and state.hit[shape] and state.nearest[0] < 0:
@@ -178,8 +171,49 @@ def _gap_after(
 
 
 @njit(cache=True)
+def _gap_of_shape_after(
+    hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses,
+    state: ClosingState, shape: int, i: int, motion: float,
+) -> float:
+    """Return a shape's gap at the posture tried, exact where it may be below the tolerance."""
+    state.seen[shape] = np.nan
+    f = hand.shape_group[shape] // MOST_JOINTS
+    if motion == 0.0 and state.gap_stamp[shape] == state.stamp[f, i]:
+        state.seen[shape] = state.gap[shape]
+        return state.gap[shape]
+    lower = poses.bound[shape] - motion
+    if lower <= rule.gap_tolerance:
+        lower = max(lower, gap_bounds(hand, field, poses.trial[i], shape)[0])
+    if lower > rule.gap_tolerance:
+        return lower
+    state.seen[shape] = exact_gap(engine, hand, field, poses.trial[i], shape)
+    return state.seen[shape]
+
+
+@njit(cache=True)
+def _keep_gaps(hand: HandArrays, state: ClosingState, f: int, j: int) -> None:
+    """Remember the gaps of the posture last tried, to which the finger will move if nothing better is found."""
+    for group in range(f * MOST_JOINTS + j, (f + 1) * MOST_JOINTS):
+        for shape in range(hand.group_shapes[group], hand.group_shapes[group + 1]):
+            state.gap[shape] = state.seen[shape]
+
+
+@njit(cache=True)
+def _confirm_gaps(hand: HandArrays, poses: HandPoses, state: ClosingState, f: int, j: int) -> None:
+    """Take the gaps remembered for those of the present posture."""
+    for i in range(j, hand.joint_count[f]):
+        group = f * MOST_JOINTS + i
+        for shape in range(hand.group_shapes[group], hand.group_shapes[group + 1]):
+            if np.isnan(state.gap[shape]):
+                state.gap_stamp[shape] = -1
+            else:
+                state.gap_stamp[shape] = state.stamp[f, i]
+                poses.bound[shape] = max(poses.bound[shape], state.gap[shape])
+
+
+@njit(cache=True)
 def _try_joint(
-    hand: HandArrays, field: DistanceField, rule: ClosingRule, poses: HandPoses, state: ClosingState, f: int, j: int
+    hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses, state: ClosingState, f: int, j: int
 ) -> tuple[int, float, int]:
     """Find how far a joint can go in one step.
 
@@ -187,18 +221,16 @@ def _try_joint(
         The outcome, the share of the step, and what holds the joint up: the joint of a touching group, OTHER_LINK for
         another link, -1 if that is not known.
     """
-    to_object, to_hand = _gap_after(hand, field, rule, poses, state, f, j, 1.0)
-    if np.isnan(to_object):
-        return ASK, 0.0, -1
+    to_object, to_hand = _gap_after(hand, field, engine, rule, poses, state, f, j, 1.0)
     if to_object > 0.0 and to_hand > 0.0:
+        _keep_gaps(hand, state, f, j)
         return FREE, 1.0, -1
     by_hand = to_object > 0.0
     low, high, high_weight = 0.0, 1.0, min(to_object, to_hand)
-    to_object, to_hand = _gap_after(hand, field, rule, poses, state, f, j, 0.0)
-    if np.isnan(to_object):
-        return ASK, 0.0, -1
+    to_object, to_hand = _gap_after(hand, field, engine, rule, poses, state, f, j, 0.0)
     low_gap = min(to_object, to_hand)
     low_weight, holding = low_gap, state.nearest[0]
+    _keep_gaps(hand, state, f, j)
     for _ in range(MOST_SEARCH_STEPS):
         if low_gap <= rule.gap_tolerance:
             break
@@ -207,13 +239,12 @@ def _try_joint(
         share = low + (high - low) * (low_weight - 0.5 * rule.gap_tolerance) / (low_weight - high_weight)
         inset = 0.02 * (high - low)
         share = min(max(share, low + inset), high - inset)
-        to_object, to_hand = _gap_after(hand, field, rule, poses, state, f, j, share)
-        if np.isnan(to_object):
-            return ASK, 0.0, -1
+        to_object, to_hand = _gap_after(hand, field, engine, rule, poses, state, f, j, share)
         gap = min(to_object, to_hand)
         if gap > 0.0:
             low, low_gap, low_weight, high_weight = share, gap, gap, 0.5 * high_weight
             holding = state.nearest[0]
+            _keep_gaps(hand, state, f, j)
         else:
             high, high_weight, low_weight = share, gap, max(0.5 * low_weight, rule.gap_tolerance)
     return BLOCKED, low, OTHER_LINK if by_hand else holding
@@ -243,12 +274,6 @@ def _at_limit(hand: HandArrays, rule: ClosingRule, poses: HandPoses, f: int, j: 
 
 
 @njit(cache=True)
-def _turn(hand: HandArrays, poses: HandPoses, f: int, j: int, turn: float) -> None:
-    poses.joints[f, j] += turn
-    carry_bounds(hand, poses, f, j, turn)
-
-
-@njit(cache=True)
 def _stamp_move(state: ClosingState, f: int, j: int) -> None:
     state.stamp[f, j:] += 1
     state.moves[0] += 1
@@ -259,7 +284,7 @@ def _glide(hand: HandArrays, rule: ClosingRule, poses: HandPoses, state: Closing
     """Close a finger by one round that keeps clear of the object.
 
     Returns:
-        FREE if it moved, BLOCKED if all its joints are at their limits, ASK if it would touch the hand itself
+        FREE if it moved, BLOCKED if all its joints are at their limits, TOUCHES if it would touch the hand itself
         (nothing is changed then).
     """
     before = poses.joints[f].copy()
@@ -274,7 +299,7 @@ def _glide(hand: HandArrays, rule: ClosingRule, poses: HandPoses, state: Closing
     if self_gap_of_finger(hand, poses, f, 0, False) <= 0.0:
         poses.joints[f] = before
         place_finger(hand, poses, f, 0)
-        return ASK
+        return TOUCHES
     for j in range(hand.joint_count[f]):
         carry_bounds(hand, poses, f, j, poses.joints[f, j] - before[j])
     _stamp_move(state, f, 0)
@@ -293,117 +318,69 @@ def _stands(hand: HandArrays, rule: ClosingRule, poses: HandPoses, state: Closin
 
 
 @njit(cache=True)
-def _keep_answers(hand: HandArrays, poses: HandPoses, state: ClosingState, share: float) -> None:
-    """Take over the exact gaps measured at the posture that the finger has now."""
-    for i in range(state.cursor[NOTES]):
-        if state.note_share[i] == share:
-            shape = state.note_shape[i]
-            state.gap[shape] = state.note_gap[i]
-            f = hand.shape_group[shape] // MOST_JOINTS
-            state.gap_stamp[shape] = state.stamp[f, hand.shape_group[shape] - f * MOST_JOINTS]
-            poses.bound[shape] = max(poses.bound[shape], state.note_gap[i])
-    state.cursor[NOTES] = 0
-
-
-@njit(cache=True)
 def _step_joint(
-    hand: HandArrays, field: DistanceField, rule: ClosingRule, poses: HandPoses, state: ClosingState, f: int, j: int
-) -> int:
-    """Try one step of one joint: FREE if it moved, BLOCKED if not, ASK if a distance is missing."""
+    hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses,
+    state: ClosingState, f: int, j: int,
+) -> bool:
+    """Try one step of one joint; return whether it moved."""
     if _stands(hand, rule, poses, state, f, j):
-        return BLOCKED
-    outcome, share, holding = _try_joint(hand, field, rule, poses, state, f, j)
-    if outcome == ASK:
-        return ASK
-    moved = share > SMALLEST_MOVE
+        return False
+    outcome, share, holding = _try_joint(hand, field, engine, rule, poses, state, f, j)
+    moved = share > 0.0
     if moved:
-        _turn(hand, poses, f, j, share * rule.step * hand.speed[f, j])
+        poses.joints[f, j] += share * rule.step * hand.speed[f, j]
+        carry_bounds(hand, poses, f, j, share * rule.step * hand.speed[f, j])
         place_finger(hand, poses, f, j)
         _stamp_move(state, f, j)
-    _keep_answers(hand, poses, state, share if moved else 0.0)
+    _confirm_gaps(hand, poses, state, f, j)
     state.blocked_by[f, j] = holding
     if holding == OTHER_LINK:
         state.blocked_at[f, j] = state.moves[0]
     elif holding >= 0:
         state.blocked_at[f, j] = state.stamp[f, holding]
     state.halted[f] = rule.whole_finger and outcome == BLOCKED and holding != OTHER_LINK
-    return FREE if moved else BLOCKED
+    return share > SMALLEST_MOVE
 
 
 @njit(cache=True)
-def _finish_finger_round(state: ClosingState, f: int) -> None:
-    if state.cursor[MOVED] == 0:
-        state.done[f] = True
-    else:
-        state.cursor[PASS_MOVED] = 1
-    state.cursor[MOVED] = 0
-    state.cursor[JOINT] = 0
-    state.cursor[FINGER] = f + 1
-
-
-@njit(cache=True)
-def _next_round(state: ClosingState) -> bool:
-    """Go on to the next round or pass; False when the hand is closed."""
-    state.cursor[FINGER] = 0
-    state.cursor[ROUND] += 1
-    if state.cursor[ROUND] >= MOST_ROUNDS:
-        return False
-    if not np.all(state.done):
-        return True
-    state.cursor[PASS] += 1
-    if state.cursor[PASS_MOVED] == 0 or state.cursor[PASS] >= MOST_PASSES:
-        return False
-    state.cursor[PASS_MOVED] = 0
-    state.done[:] = False
-    state.credit[:] = 0
-    return True
-
-
-@njit(cache=True)
-def _glides(
-    hand: HandArrays, field: DistanceField, rule: ClosingRule, poses: HandPoses, state: ClosingState, f: int
+def _close_finger_round(
+    hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses,
+    state: ClosingState, f: int,
 ) -> bool:
-    """Let a finger close by one round at once if that is known to be free."""
-    fresh = state.cursor[JOINT] == 0 and state.cursor[NOTES] == 0 and state.cursor[MOVED] == 0
-    if not fresh or state.halted[f]:
-        return False
-    if state.credit[f] == 0:
+    """Close a finger by one round, at once if that is known to be free; return whether anything moved."""
+    if state.credit[f] == 0 and not state.halted[f]:
         state.credit[f] = _free_rounds(hand, field, rule, poses, f)
-    if state.credit[f] == 0:
-        return False
-    outcome = _glide(hand, rule, poses, state, f)
-    if outcome == ASK:
-        state.credit[f] = 0
-        return False
-    state.credit[f] -= 1
-    state.cursor[MOVED] = 1 if outcome == FREE else 0
-    return True
+    if state.credit[f] > 0 and not state.halted[f]:
+        outcome = _glide(hand, rule, poses, state, f)
+        state.credit[f] = 0 if outcome == TOUCHES else state.credit[f] - 1
+        if outcome != TOUCHES:
+            return outcome == FREE
+    moved = False
+    for j in range(hand.joint_count[f]):
+        if _step_joint(hand, field, engine, rule, poses, state, f, j):
+            moved = True
+    return moved
 
 
 @njit(cache=True)
-def advance(
-    hand: HandArrays, field: DistanceField, rule: ClosingRule, poses: HandPoses, state: ClosingState
+def close_fingers(
+    hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses, state: ClosingState
 ) -> int:
-    """Close the hand until it stops (``DONE``) or needs the exact gap of the shape returned.
-
-    That shape's group then stands at ``poses.trial[group % MOST_JOINTS]``; see ``answer``.
-    """
+    """Close a placed hand until a whole pass moves nothing; return the number of rounds."""
+    _begin(state)
     F = hand.joint_count.shape[0]
-    while True:
-        f = state.cursor[FINGER]
-        if f >= F:
-            if not _next_round(state):
-                return DONE
-            continue
-        if state.done[f]:
-            state.cursor[FINGER] = f + 1
-            continue
-        if not _glides(hand, field, rule, poses, state, f):
-            while state.cursor[JOINT] < hand.joint_count[f]:
-                outcome = _step_joint(hand, field, rule, poses, state, f, state.cursor[JOINT])
-                if outcome == ASK:
-                    return state.cursor[ASKED]
-                if outcome == FREE:
-                    state.cursor[MOVED] = 1
-                state.cursor[JOINT] += 1
-        _finish_finger_round(state, f)
+    rounds = 0
+    for _ in range(MOST_PASSES):
+        pass_moved = False
+        state.done[:] = False
+        state.credit[:] = 0
+        while not np.all(state.done) and rounds < MOST_ROUNDS:
+            rounds += 1
+            for f in range(F):
+                if not state.done[f]:
+                    moved = _close_finger_round(hand, field, engine, rule, poses, state, f)
+                    state.done[f] = not moved
+                    pass_moved = pass_moved or moved
+        if not pass_moved:
+            break
+    return rounds

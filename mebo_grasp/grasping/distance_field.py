@@ -93,7 +93,7 @@ def build_tree(triangles: FloatArray) -> TriangleTree:
 
 
 @njit(cache=True)
-def _closest_on_triangle(p: FloatArray, triangle: FloatArray, out: FloatArray) -> None:
+def closest_on_triangle(p: FloatArray, triangle: FloatArray, out: FloatArray) -> None:
     """Write the point of a triangle nearest to p (Ericson, Real-Time Collision Detection, 2005, section 5.1.5)."""
     a, b, c = triangle[0], triangle[1], triangle[2]
     d1 = d2 = d3 = d4 = d5 = d6 = 0.0
@@ -150,7 +150,7 @@ def closest_point(tree: TriangleTree, p: FloatArray, bound: float, out: FloatArr
             continue
         if tree.right[node] == 0:
             for i in range(tree.start[node], tree.end[node]):
-                _closest_on_triangle(p, tree.triangles[i], candidate)
+                closest_on_triangle(p, tree.triangles[i], candidate)
                 distance2 = 0.0
                 for k in range(3):
                     distance2 += (candidate[k] - p[k]) ** 2

@@ -13,6 +13,7 @@ from numba import njit
 
 from mebo_grasp.grasping.distance_field import DistanceField, sample
 from mebo_grasp.grasping.hand_arrays import BOX, FREE_AT_START, MOST_JOINTS, HandArrays, without_pairs
+from mebo_grasp.grasping.mesh_distance import segment_segment
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -150,21 +151,6 @@ def gap_bounds(hand: HandArrays, field: DistanceField, pose: FloatArray, shape: 
 
 
 @njit(cache=True)
-def starts_in_collision(
-    hand: HandArrays, field: DistanceField, poses: HandPoses, asked: npt.NDArray[np.bool_]
-) -> bool:
-    """Mark the shapes that need an exact query; True if the field alone proves a collision."""
-    asked[:] = False
-    for shape in range(hand.shape_group.shape[0]):
-        lower, upper = gap_bounds(hand, field, poses.group[hand.shape_group[shape]], shape)
-        if upper < 0.0:
-            return True
-        poses.bound[shape] = lower
-        asked[shape] = lower <= 0.0
-    return False
-
-
-@njit(cache=True)
 def shape_motion(hand: HandArrays, shape: int, f: int, step: float) -> float:
     """Bound how far a shape moves when all joints before it in its finger make one step."""
     total = 0.0
@@ -179,39 +165,6 @@ def carry_bounds(hand: HandArrays, poses: HandPoses, f: int, j: int, turn: float
     for group in range(f * MOST_JOINTS + j, (f + 1) * MOST_JOINTS):
         for shape in range(hand.group_shapes[group], hand.group_shapes[group + 1]):
             poses.bound[shape] -= abs(turn) * hand.reach[shape, j]
-
-
-@njit(cache=True)
-def _segment_segment(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> float:
-    """Return the distance between segments pq and rs (Ericson, 2005, section 5.1.9)."""
-    a = e = b = c = f = 0.0
-    for k in range(3):
-        d1, d2, w = q[k] - p[k], s[k] - r[k], p[k] - r[k]
-        a += d1 * d1
-        e += d2 * d2
-        b += d1 * d2
-        c += d1 * w
-        f += d2 * w
-    if a <= 1e-18:
-        t = 0.0
-        u = min(max(f / e, 0.0), 1.0) if e > 1e-18 else 0.0
-    elif e <= 1e-18:
-        u = 0.0
-        t = min(max(-c / a, 0.0), 1.0)
-    else:
-        denominator = a * e - b * b
-        t = min(max((b * f - c * e) / denominator, 0.0), 1.0) if denominator > 1e-18 else 0.0
-        u = (b * t + f) / e
-        if u < 0.0:
-            u = 0.0
-            t = min(max(-c / a, 0.0), 1.0)
-        elif u > 1.0:
-            u = 1.0
-            t = min(max((b - c) / a, 0.0), 1.0)
-    total = 0.0
-    for k in range(3):
-        total += (p[k] + t * (q[k] - p[k]) - r[k] - u * (s[k] - r[k])) ** 2
-    return np.sqrt(total)
 
 
 @njit(cache=True)
@@ -305,7 +258,7 @@ def _self_gap(hand: HandArrays, poses: HandPoses, shape: int, ends: FloatArray, 
         needed = enough + hand.radius[shape]
         apart = _segment_box(ends[0], ends[1], hand.box[other], hand.ends[other, 0], pose, needed)
         return apart - hand.radius[shape]
-    apart = _segment_segment(ends[0], ends[1], poses.ends[other, 0], poses.ends[other, 1])
+    apart = segment_segment(ends[0], ends[1], poses.ends[other, 0], poses.ends[other, 1])
     return apart - hand.radius[shape] - hand.radius[other]
 
 

@@ -10,9 +10,10 @@ import numpy.typing as npt
 
 from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, HandPosture, Pose
 from mebo_grasp.grasping import closing, hand_motion
-from mebo_grasp.grasping.bullet_world import QUERY_RANGE, BulletWorld
+from mebo_grasp.grasping.bullet_world import BulletWorld
 from mebo_grasp.grasping.closing import ClosingRule
-from mebo_grasp.grasping.distance_field import build_field
+from mebo_grasp.grasping.distance_field import build_field, build_tree
+from mebo_grasp.grasping.engine import BULLET, FAST, QUERY_RANGE, Engine
 from mebo_grasp.grasping.hand_arrays import MOST_JOINTS, build_hand_arrays
 from mebo_grasp.grasping.hand_motion import exempt_touching_pairs
 from mebo_grasp.grasping.hand_model import HandModel
@@ -45,9 +46,12 @@ class GraspSimulator:
         self._poses = hand_motion.new_poses(self._arrays)
         self._field = build_field(target.mesh, target.solid_parts)
         self._rule = ClosingRule(self.settings.step, self.settings.gap_tolerance, self.settings.whole_finger)
-        self._asked = np.zeros(len(self._arrays.shape_group), dtype=np.bool_)
         self._static_group = len(hand.fingers) * MOST_JOINTS
-        self._world = BulletWorld(target, self._layout.shapes, self._layout.T_group_shape)
+        self._tree = build_tree(np.array(target.mesh.triangles, dtype=np.float64))
+        self._pose = np.eye(4)
+        self._world = BulletWorld(target, self._layout.shapes, self._layout.T_group_shape, self._pose)
+        kind = BULLET if self.settings.engine == "bullet" else FAST
+        self._engine = Engine(kind, self._world.callback, self._pose, self._tree)
 
     def trial(self, T_object_tcp: Pose) -> Grasp:
         """Execute one trial.
@@ -60,11 +64,12 @@ class GraspSimulator:
             hand does not touch it, and GRASPED otherwise.
         """
         begun = time.perf_counter()
-        hand_motion.place_hand(self._arrays, self._poses, T_object_tcp.matrix)
-        closing.begin(self._state)
-        if self._collides():
+        closed = closing.run_trial(
+            self._arrays, self._field, self._engine, self._rule, self._poses, self._state, T_object_tcp.matrix
+        )
+        self._world.raise_pending()
+        if not closed:
             return self._grasp(T_object_tcp, GraspOutcome.COLLISION, (), GraspMetrics(), begun)
-        self._close_fingers()
         contacts = self._contacts()
         if not contacts:
             return self._grasp(T_object_tcp, GraspOutcome.NO_CONTACT, (), GraspMetrics(), begun)
@@ -82,22 +87,6 @@ class GraspSimulator:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-    def _collides(self) -> bool:
-        if hand_motion.starts_in_collision(self._arrays, self._field, self._poses, self._asked):
-            return True
-        for shape in np.flatnonzero(self._asked):
-            gap, _, _ = self._world.closest(shape, self._group_pose(shape))
-            if gap <= 0.0:
-                return True
-            self._poses.bound[shape] = gap
-        return False
-
-    def _close_fingers(self) -> None:
-        arrays, poses, state = self._arrays, self._poses, self._state
-        while (shape := closing.advance(arrays, self._field, self._rule, poses, state)) != closing.DONE:
-            gap, _, _ = self._world.closest(shape, poses.trial[arrays.shape_group[shape] % MOST_JOINTS])
-            closing.answer(state, gap)
 
     def _contacts(self) -> tuple[GraspContact, ...]:
         """Return a contact for each link that touches, at the final posture."""

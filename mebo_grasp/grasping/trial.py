@@ -11,6 +11,7 @@ from mebo_grasp.errors import InvalidSettingsError
 
 ContactModel = Literal["hard", "frictionless", "soft"]
 QualityName = Literal["epsilon", "volume", "isotropy", "force_closure_epsilon"]
+EngineName = Literal["bullet", "fast"]
 ContactRule = Literal["touching", "pressing"]
 
 QUALITY_NAMES: tuple[str, ...] = ("epsilon", "volume", "isotropy", "force_closure_epsilon")
@@ -24,6 +25,7 @@ class TrialSettings:
         friction: coefficient of friction.
         cone_edges: edges of the pyramid that stands for a friction cone.
         quality: metric reported as the quality.
+        engine: "bullet": gaps from PyBullet (reference); "fast": compiled, links as capsules and boxes.
         step: largest step of a joint while closing, radians; contact is then found by root search.
         gap_tolerance: gap at which a link touches, metres.
         contact_rule: "touching": links within ``gap_tolerance`` of the object give contacts; "pressing": also
@@ -42,6 +44,7 @@ class TrialSettings:
     friction: float = 0.5
     cone_edges: int = 8
     quality: QualityName = "epsilon"
+    engine: EngineName = "bullet"
     step: float = 0.02
     gap_tolerance: float = 5e-5
     contact_rule: ContactRule = "touching"
@@ -61,6 +64,8 @@ class TrialSettings:
             _in_range("torque_length", self.torque_length, 1e-4, 10.0)
         if self.quality not in QUALITY_NAMES:
             raise InvalidSettingsError(f"quality '{self.quality}' is unknown; use one of {', '.join(QUALITY_NAMES)}")
+        if self.engine not in ("bullet", "fast"):
+            raise InvalidSettingsError(f"engine '{self.engine}' must be 'bullet' or 'fast'")
         if self.contact_rule not in ("touching", "pressing"):
             raise InvalidSettingsError(f"contact_rule '{self.contact_rule}' must be 'touching' or 'pressing'")
 

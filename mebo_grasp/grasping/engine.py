@@ -1,0 +1,68 @@
+"""The exact gap between a hand's shape and the object, from one of two engines behind one compiled function.
+
+``BULLET`` asks PyBullet through a callback; ``FAST`` measures capsules and boxes against the object's triangles
+in compiled code.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from mebo_grasp.grasping.distance_field import DistanceField, TriangleTree, sample
+from mebo_grasp.grasping.hand_arrays import BOX, HandArrays
+from mebo_grasp.grasping.mesh_distance import box_gap, segment_distance
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+BULLET, FAST = 0, 1
+GAP_CALLBACK = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_int64)
+QUERY_RANGE = 0.012
+"""Gaps beyond this are reported as this, metres."""
+
+
+class Engine(NamedTuple):
+    """Where exact gaps come from.
+
+    Attributes:
+        kind: ``BULLET`` or ``FAST``.
+        ask: callback that returns the gap of a shape whose group stands at ``pose``.
+        pose: (4, 4) written before ``ask`` is called.
+        tree: the object's triangles.
+    """
+
+    kind: int
+    ask: Any
+    pose: FloatArray
+    tree: TriangleTree
+
+
+@njit(cache=True)
+def exact_gap(engine: Engine, hand: HandArrays, field: DistanceField, pose: FloatArray, shape: int) -> float:
+    """Return the gap between a shape and the object, its group standing at ``pose``; negative if they overlap."""
+    if engine.kind == BULLET:
+        engine.pose[:] = pose
+        return engine.ask(shape)
+    return fast_gap(engine.tree, hand, field, pose, shape)
+
+
+@njit(cache=True)
+def fast_gap(tree: TriangleTree, hand: HandArrays, field: DistanceField, pose: FloatArray, shape: int) -> float:
+    """Return the gap of a capsule, sphere or box measured against the object's triangles."""
+    ends = np.empty((2, 3))
+    for which in range(2):
+        c = hand.ends[shape, which]
+        for k in range(3):
+            ends[which, k] = pose[k, 0] * c[0] + pose[k, 1] * c[1] + pose[k, 2] * c[2] + pose[k, 3]
+    inside = sample(field, ends[0, 0], ends[0, 1], ends[0, 2]) < -field.slack
+    if hand.kind[shape] == BOX:
+        return -QUERY_RANGE if inside else box_gap(tree, pose, hand.box[shape], hand.ends[shape, 0], QUERY_RANGE)
+    radius = hand.radius[shape]
+    if inside:
+        return -radius
+    return segment_distance(tree, ends[0], ends[1], QUERY_RANGE + radius) - radius
