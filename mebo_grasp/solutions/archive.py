@@ -85,9 +85,8 @@ class SolutionArchive:
         # The best grasps are returned again and again.
         self._read = lru_cache(maxsize=REMEMBERED)(self._store.read)
         try:
-            self._trials = self._store.count()
             self._complete_volumes()
-            self._index = self._make_index()
+            self._load()
         except BaseException:
             self._store.close()
             raise
@@ -115,8 +114,7 @@ class SolutionArchive:
         self._index.close()
         del self._index  # so that two of them need not fit into memory
         self._read.cache_clear()
-        self._trials = self._store.count()
-        self._index = self._make_index()
+        self._load()
 
     def _complete_volumes(self) -> None:
         if self._hand_volume is None:
@@ -128,8 +126,10 @@ class SolutionArchive:
                 for stamp in missing[begin : begin + COMPLETED_AT_ONCE]
             )
 
-    def _make_index(self) -> GraspIndex:
-        return GraspIndex(self._store.load(with_volumes=self._hand_volume is not None))
+    def _load(self) -> None:
+        stored = self._store.load(with_volumes=self._hand_volume is not None)
+        self._trials = stored.trials
+        self._index = GraspIndex(stored)
 
     @property
     def object_id(self) -> str:

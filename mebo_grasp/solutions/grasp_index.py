@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from mebo_grasp.errors import InvalidQueryError
 from mebo_grasp.grasp import FloatArray, Pose
@@ -22,6 +20,7 @@ from mebo_grasp.solutions.best_first import (
 from mebo_grasp.solutions.best_grasp import BestGraspQuery
 from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.bounding_tree import BoundingTree, build_tree
+from mebo_grasp.solutions.column import Column
 from mebo_grasp.solutions.diversity import IntArray, PoseMetric
 from mebo_grasp.solutions.hand_volume import PackedVolume, bounding_balls
 from mebo_grasp.solutions.occlusion import make_scene
@@ -51,42 +50,6 @@ class Found:
     blocked: IntArray
 
 
-class Column:
-    """An array that grows at its end without being copied each time.
-
-    Args:
-        values: what it starts with, shape (n, ...).
-    """
-
-    def __init__(self, values: npt.NDArray[Any]) -> None:
-        self._values = np.ascontiguousarray(values)
-        self._length = len(values)
-
-    @property
-    def array(self) -> npt.NDArray[Any]:
-        """What is in it now; rows that are added later do not change it."""
-        return self._values[: self._length]
-
-    def extend(self, values: npt.NDArray[Any]) -> None:
-        """Add rows, shape (k, ...)."""
-        needed = self._length + len(values)
-        if needed > len(self._values):
-            capacity = max(needed, len(self._values) * 9 // 8, 64)
-            grown = np.empty((capacity, *self._values.shape[1:]), self._values.dtype)
-            grown[: self._length] = self.array
-            self._values = grown
-        self._values[self._length : needed] = values
-        self._length = needed
-
-
-    def insert(self, position: int, value: Any) -> None:
-        """Add one row before the row at ``position``."""
-        self.extend(self.array[-1:] if self._length else np.asarray([value], self._values.dtype))
-        values = self.array
-        values[position + 1 :] = values[position:-1].copy()
-        values[position] = value
-
-
 class Covering:
     """The tree of one blocking rule, made anew when too many grasps are not in it."""
 
@@ -94,7 +57,7 @@ class Covering:
         nowhere, none, nothing = np.empty((0, 3)), np.empty(0, dtype=np.int64), np.empty(0)
         self.tree = BoundingTree(none, none, none, none, nowhere, nowhere)
         self.bounds = NodeBounds(nothing, nothing, nothing, nothing)
-        self._order = Column(none)
+        self._order = Column.of(none)
         self._pending: Future[tuple[BoundingTree, NodeBounds]] | None = None
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="grasp_index")
 
@@ -132,7 +95,7 @@ class Covering:
         self.tree, self.bounds = tree, bounds
         rest = np.arange(len(tree.order), len(grasps.qualities))
         rest = rest[np.lexsort((grasps.stamps[rest], -grasps.qualities[rest]))]
-        self._order = Column(np.concatenate([tree.order, rest]))
+        self._order = Column.of(np.concatenate([tree.order, rest]))
 
     def close(self) -> None:
         """Let the worker end."""
@@ -157,26 +120,24 @@ class GraspIndex:
     """Grasps with a quality above zero, ready for questions under each blocking rule.
 
     Args:
-        stored: what is stored already.
+        stored: what is stored already; it grows with what is added.
     """
 
     def __init__(self, stored: StoredGrasps) -> None:
-        self._stamps = Column(stored.stamps_ns)
-        self._qualities = Column(stored.qualities)
-        self._positions = Column(stored.positions)
-        self._quaternions = Column(stored.quaternions)
-        self._no_radius = Column(np.zeros(len(stored.stamps_ns)))
-        self._first_capsule = Column(stored.first_capsule)
-        self._capsules = Column(stored.capsules)
-        self._has_volumes = stored.has_volumes
+        self._stored = stored
+        n = len(stored.stamps_ns)
+        self._no_radius = Column.of(np.zeros(n))
         balls = bounding_balls(
-            stored.positions, stored.quaternions, stored.first_capsule, stored.capsules
+            stored.positions.array,
+            stored.quaternions.array,
+            stored.first_capsule.array,
+            stored.capsules.array,
         )
-        self._centers, self._inner, self._outer = (Column(values) for values in balls)
+        self._centers, self._inner, self._outer = (Column.of(values) for values in balls)
         self._coverings = {BlockingRule.TCP: Covering()}
-        if self._has_volumes:
+        if stored.has_volumes:
             self._coverings[BlockingRule.HAND] = Covering()
-        self._best = float(stored.qualities.max()) if len(self) else 0.0
+        self._best = float(stored.qualities.array.max()) if n else 0.0
         self._refresh()
         self._warm_up()
 
@@ -186,7 +147,7 @@ class GraspIndex:
             self.search(BestGraspQuery(rule=rule), PoseMetric(), np.array([0.0, 0.0, 1.0]))
 
     def __len__(self) -> int:
-        return len(self._qualities.array)
+        return len(self._stored.stamps_ns)
 
     @property
     def best_quality(self) -> float:
@@ -198,15 +159,16 @@ class GraspIndex:
         position, quaternion = pose.position[None], pose.quaternion_xyzw[None]
         capsules = np.empty((0, 7), dtype=np.int16) if volume is None else volume
         balls = bounding_balls(position, quaternion, np.array([0, len(capsules)]), capsules)
-        self._capsules.extend(capsules)
-        self._first_capsule.extend(np.array([len(self._capsules.array)]))
+        stored = self._stored
+        stored.capsules.extend(capsules)
+        stored.first_capsule.extend(np.array([len(stored.capsules)]))
         for column, values in zip((self._centers, self._inner, self._outer), balls, strict=True):
             column.extend(values)
-        self._stamps.extend(np.array([stamp_ns]))
-        self._positions.extend(position)
-        self._quaternions.extend(quaternion)
         self._no_radius.extend(np.zeros(1))
-        self._qualities.extend(np.array([quality]))
+        stored.stamps_ns.extend(np.array([stamp_ns]))
+        stored.positions.extend(position)
+        stored.quaternions.extend(quaternion)
+        stored.qualities.extend(np.array([quality]))
         self._best = max(self._best, quality)
         self._refresh()
 
@@ -215,18 +177,18 @@ class GraspIndex:
             covering.refresh(self._grasps(rule))
 
     def _grasps(self, rule: BlockingRule) -> Grasps:
-        by_hand = rule is BlockingRule.HAND
+        by_hand, stored = rule is BlockingRule.HAND, self._stored
         return Grasps(
             self._coverings[rule].order,
-            self._stamps.array,
-            self._qualities.array,
-            self._positions.array,
-            self._quaternions.array,
-            self._centers.array if by_hand else self._positions.array,
+            stored.stamps_ns.array,
+            stored.qualities.array,
+            stored.positions.array,
+            stored.quaternions.array,
+            self._centers.array if by_hand else stored.positions.array,
             self._inner.array if by_hand else self._no_radius.array,
             self._outer.array if by_hand else self._no_radius.array,
-            self._first_capsule.array,
-            self._capsules.array,
+            stored.first_capsule.array,
+            stored.capsules.array,
         )
 
     def search(self, query: BestGraspQuery, metric: PoseMetric, approach_axis: FloatArray) -> Found:

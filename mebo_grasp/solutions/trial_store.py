@@ -21,7 +21,6 @@ import numpy as np
 
 from mebo_grasp.errors import ArchiveError
 from mebo_grasp.grasp import (
-    FloatArray,
     Grasp,
     GraspContact,
     GraspOutcome,
@@ -29,7 +28,7 @@ from mebo_grasp.grasp import (
     Pose,
     StampedGrasp,
 )
-from mebo_grasp.solutions.diversity import IntArray
+from mebo_grasp.solutions.column import Column
 from mebo_grasp.solutions.hand_volume import PackedVolume
 from mebo_grasp.solutions.schema import prepare_schema
 from mebo_grasp.solutions.writer_lock import WriterLock
@@ -55,6 +54,7 @@ class StoredGrasps:
     """What the queries need of all stored grasps with a quality above zero, in the order of their stamps.
 
     Args:
+        trials: number of all trials stored when it was read, those without a quality above zero included.
         stamps_ns: shape (n,).
         qualities: shape (n,).
         positions: of the TCP in the object's frame, shape (n, 3), metres.
@@ -65,12 +65,13 @@ class StoredGrasps:
         has_volumes: whether the hand's volume was asked for.
     """
 
-    stamps_ns: IntArray
-    qualities: FloatArray
-    positions: FloatArray
-    quaternions: FloatArray
-    first_capsule: IntArray
-    capsules: PackedVolume
+    trials: int
+    stamps_ns: Column
+    qualities: Column
+    positions: Column
+    quaternions: Column
+    first_capsule: Column
+    capsules: Column
     has_volumes: bool
 
 
@@ -257,14 +258,6 @@ class TrialStore:
         )
         return True
 
-    def count(self) -> int:
-        """Return how many trials of the object are stored."""
-        with _as_archive_errors(self.path, "read"):
-            (count,) = self._connection.execute(
-                "SELECT count(*) FROM trial WHERE object = ?", (self._object_key,)
-            ).fetchone()
-        return int(count)
-
     def load(self, with_volumes: bool) -> StoredGrasps:
         """Read what the queries need of every grasp with a quality above zero, ordered by stamp.
 
@@ -278,10 +271,12 @@ class TrialStore:
         chosen = "FROM trial WHERE object = ? AND quality > 0"
         key = (self._object_key,)
         with _as_archive_errors(self.path, "read"):
-            n, volume_bytes = self._connection.execute(
-                f"SELECT count(*), total(length({volume})) {chosen}", key
+            trials, n, volume_bytes = self._connection.execute(
+                f"SELECT count(*), total(quality > 0), total(length({volume})) FROM trial "
+                "WHERE object = ?",
+                key,
             ).fetchone()
-            stored = _empty_grasps(n, int(volume_bytes) // CAPSULE_BYTES, with_volumes)
+            stored = _empty_grasps(trials, int(n), int(volume_bytes) // CAPSULE_BYTES, with_volumes)
             cursor = self._connection.execute(
                 f"SELECT stamp_ns, quality, px, py, pz, qx, qy, qz, qw, {volume} {chosen} "
                 "ORDER BY stamp_ns",
@@ -412,34 +407,40 @@ def _detail_values(grasp: Grasp) -> tuple[float | str | bytes, ...]:
     )
 
 
-def _empty_grasps(n: int, capsules: int, with_volumes: bool) -> StoredGrasps:
-    return StoredGrasps(
-        stamps_ns=np.empty(n, dtype=np.int64),
-        qualities=np.empty(n),
-        positions=np.empty((n, 3)),
-        quaternions=np.empty((n, 4)),
-        first_capsule=np.zeros(n + 1, dtype=np.int64),
-        capsules=np.empty((capsules, 7), dtype=np.int16),
+def _empty_grasps(trials: int, n: int, capsules: int, with_volumes: bool) -> StoredGrasps:
+    stored = StoredGrasps(
+        trials=trials,
+        stamps_ns=Column(n, np.int64),
+        qualities=Column(n, np.float64),
+        positions=Column(n, np.float64, (3,)),
+        quaternions=Column(n, np.float64, (4,)),
+        first_capsule=Column(n + 1, np.int64),
+        capsules=Column(capsules, np.int16, (7,)),
         has_volumes=with_volumes,
     )
+    stored.first_capsule.array[:] = 0
+    return stored
 
 
 def _fill(stored: StoredGrasps, begin: int, rows: list[tuple[Any, ...]]) -> None:
     """Write rows of the database behind the first ``begin`` grasps."""
     end = begin + len(rows)
     columns = list(zip(*rows, strict=True))
-    stored.stamps_ns[begin:end] = columns[0]
-    stored.qualities[begin:end] = columns[1]
+    stored.stamps_ns.array[begin:end] = columns[0]
+    stored.qualities.array[begin:end] = columns[1]
     for axis in range(3):
-        stored.positions[begin:end, axis] = columns[2 + axis]
+        stored.positions.array[begin:end, axis] = columns[2 + axis]
     for axis in range(4):
-        stored.quaternions[begin:end, axis] = columns[5 + axis]
+        stored.quaternions.array[begin:end, axis] = columns[5 + axis]
+    if not stored.has_volumes:
+        return
     blobs = [blob or b"" for blob in columns[9]]
-    first = stored.first_capsule[begin]
+    first_capsule = stored.first_capsule.array
+    first = first_capsule[begin]
     lengths = np.fromiter(map(len, blobs), dtype=np.int64, count=len(blobs))
-    stored.first_capsule[begin + 1 : end + 1] = first + np.cumsum(lengths) // CAPSULE_BYTES
+    first_capsule[begin + 1 : end + 1] = first + np.cumsum(lengths) // CAPSULE_BYTES
     capsules = np.frombuffer(b"".join(blobs), dtype="<i2").reshape(-1, 7)
-    stored.capsules[first : first + len(capsules)] = capsules
+    stored.capsules.array[first : first + len(capsules)] = capsules
 
 
 def _to_bytes(volume: PackedVolume) -> bytes:
