@@ -39,8 +39,12 @@ LEVEL_NET_SIZE = 512
 MAX_CANDIDATES = 128
 TOP_SHARE = 0.05
 """A basin reaches the top if it comes within this share of the spread (best minus median) of the best."""
-NEIGHBOURS = 10
+NEIGHBOURS = 8
 SLACK_SHARE = 1e-3
+RESOLUTION_SHARE = 1e-6
+"""Improvements below this share of the spread are not worth a trial."""
+SAME_PLACE = 1e-3
+"""A pick this near to an observation, in every coordinate of the cube, does not open a new basin."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +68,11 @@ class Level:
     def slack(self) -> float:
         """Dip that is forgiven within a basin."""
         return SLACK_SHARE * self.spread
+
+    @property
+    def resolution(self) -> float:
+        """Improvement that is too small to matter."""
+        return RESOLUTION_SHARE * self.spread
 
 
 def level_of(posterior: GaussianProcess) -> Level:
@@ -98,7 +107,8 @@ class View:
     @property
     def log_scores(self) -> FloatArray:
         """Log of (expected improvement on the own incumbent × probability to reach the top), shape (m,)."""
-        improvement = np.log(self.sd) + log_normalized_improvement((self.mean - self.own) / self.sd)
+        gain = self.mean - self.own - self.level.resolution
+        improvement = np.log(self.sd) + log_normalized_improvement(gain / self.sd)
         value: FloatArray = improvement + log_ndtr(self.margins)
         return value
 
@@ -241,13 +251,16 @@ def pick(
     best = int(np.argmax(logsumexp(value, axis=0)))
     # The member that expects most of this candidate places the point.
     view = views[int(np.argmax(value[:, best]))]
-    if not view.confirmed[best]:
-        return refine(view.posterior, candidates[best], float(view.own[best]), view.level), "search"
-    if explore:
+    point = refine(view.posterior, candidates[best], float(view.own[best]), view.level)
+    known = np.any(np.all(np.abs(view.posterior.U - point) <= SAME_PLACE, axis=1))
+    if not view.confirmed[best] and not known:
+        return point, "search"
+    refined = value[:, best].max() <= np.log(view.level.resolution)
+    if explore or refined:
         margins = np.max([np.where(view.confirmed, -np.inf, view.margins) for view in views], axis=0)
         if np.any(np.isfinite(margins)):
             return candidates[int(np.argmax(margins))], "exploration"
-    return refine(view.posterior, candidates[best], float(view.own[best]), view.level), "refinement"
+    return point, "refinement"
 
 
 def local_incumbents(posterior: GaussianProcess, candidates: FloatArray, level: Level) -> FloatArray:

@@ -164,7 +164,7 @@ def same_basin(posterior: GaussianProcess, A: FloatArray, B: FloatArray, slack: 
 
 @dataclass(frozen=True, eq=False)
 class Neighbours:
-    """For each of m candidates its k nearest observations: indices and which of them share its basin.
+    """For each of m candidates k observations near it: indices and which of them share its basin.
 
     Args:
         index: shape (m, k).
@@ -178,20 +178,26 @@ class Neighbours:
 def basin_neighbours(
     posterior: GaussianProcess, candidates: FloatArray, U: FloatArray, count: int, slack: float
 ) -> Neighbours:
-    """Find the nearest ``count`` observations of each candidate and test each for the same basin.
+    """Find the nearest observations of each candidate and test each for the same basin.
+
+    The nearest are taken in the kernel's coordinates and in the cube's: a kernel that thinks little of some
+    dimension would call points neighbours that lie far apart.
 
     Args:
         posterior: the surrogate.
         candidates: shape (m, d).
         U: observed points, shape (n, d).
-        count: how many are tested a candidate.
+        count: how many are tested a candidate in each of the two coordinates.
         slack: see ``same_basin``.
     """
     coordinates = Coordinates(posterior)
     count = min(count, len(U))
-    _, index = cKDTree(coordinates(U)).query(coordinates(candidates), k=count)
-    index = np.asarray(index, dtype=np.int64).reshape(len(candidates), count)
-    starts = np.repeat(candidates, count, axis=0)
+    _, by_kernel = cKDTree(coordinates(U)).query(coordinates(candidates), k=count)
+    _, by_cube = cKDTree(U).query(candidates, k=count)
+    index = np.concatenate(
+        [np.asarray(near, dtype=np.int64).reshape(-1, count) for near in (by_kernel, by_cube)], axis=1
+    )
+    starts = np.repeat(candidates, index.shape[1], axis=0)
     shared = same_basin(posterior, starts, U[index.ravel()], slack).reshape(index.shape)
     return Neighbours(index, shared)
 
