@@ -4,14 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 
+import numpy as np
 from mebo_grasp_interfaces.msg import Occlusion as OcclusionMsg
 from mebo_grasp_interfaces.msg import OcclusionArray
-from shape_msgs.msg import SolidPrimitive
+from shape_msgs.msg import Mesh as MeshMsg
+from shape_msgs.msg import MeshTriangle, SolidPrimitive
 
 from mebo_grasp.errors import InvalidMessageError, InvalidOcclusionError
-from mebo_grasp.solutions.occlusion import Box, Cone, Cylinder, Occlusion, Shape, Sphere
+from mebo_grasp.solutions.occlusion import (
+    Box,
+    Cone,
+    Cylinder,
+    Occlusion,
+    Shape,
+    Sphere,
+    TriangleMesh,
+)
 from msg_adapters.checks import require_frame
-from msg_adapters.pose import from_pose_msg, to_pose_msg
+from msg_adapters.pose import from_point_msg, from_pose_msg, to_point_msg, to_pose_msg
 from msg_adapters.time import to_time_msg
 
 # SolidPrimitive names the order of the dimensions: heights stand before radii.
@@ -54,6 +64,26 @@ def from_solid_primitive_msg(message: SolidPrimitive) -> Shape:
     if len(dimensions) != count:
         raise InvalidMessageError(f"a {name} has {count} dimensions, got {len(dimensions)}")
     return make(dimensions)
+
+
+def to_mesh_msg(mesh: TriangleMesh) -> MeshMsg:
+    """Return the message of a triangle mesh."""
+    return MeshMsg(
+        triangles=[MeshTriangle(vertex_indices=face.tolist()) for face in mesh.faces],
+        vertices=[to_point_msg(vertex) for vertex in mesh.vertices],
+    )
+
+
+def from_mesh_msg(message: MeshMsg) -> TriangleMesh:
+    """Return the triangle mesh of a message.
+
+    Raises:
+        InvalidOcclusionError: it has no triangle, a number is not finite, or a triangle names a vertex that
+            is not there.
+    """
+    vertices = np.array([from_point_msg(vertex) for vertex in message.vertices]).reshape(-1, 3)
+    faces = np.array([triangle.vertex_indices for triangle in message.triangles], dtype=np.int64)
+    return TriangleMesh(vertices, faces.reshape(-1, 3))
 
 
 def to_occlusion_msg(occlusion: Occlusion, frame_id: str, stamp_ns: int = 0) -> OcclusionMsg:

@@ -7,8 +7,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mebo_grasp.grasp import Pose
-from mebo_grasp.solutions.occlusion import Box, Cone, Cylinder, Occlusion, Shape, Sphere
-from test.property.solution_strategies import lengths, poses
+from mebo_grasp.solutions.occlusion import (
+    Box,
+    Cone,
+    Cylinder,
+    Occlusion,
+    Shape,
+    Sphere,
+    TriangleMesh,
+)
+from test.property.solution_strategies import lengths, poses, shapes
 
 
 def mesh_of(shape: Shape) -> trimesh.Trimesh:
@@ -31,6 +39,38 @@ def is_inside_convex(mesh: trimesh.Trimesh, points: np.ndarray) -> tuple[np.ndar
     ).max(axis=1)
     # Flat faces lie up to 0.3 mm inside the round shape of 0.3 m that they stand for.
     return heights <= 0.0, np.abs(heights) > 5e-4
+
+
+@settings(deadline=None, max_examples=25)
+@given(pose=poses(), seed=st.integers(0, 2**32 - 1), closed=st.booleans())
+def test_distances_to_a_mesh_are_those_of_trimesh(pose: Pose, seed: int, closed: bool) -> None:
+    rng = np.random.default_rng(seed)
+    # A dented ball: neither convex nor centred.
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=0.1)
+    directions = rng.standard_normal((3, 3))
+    for direction in directions / np.linalg.norm(directions, axis=1, keepdims=True):
+        mesh.vertices *= 1.0 - 0.5 * np.clip(mesh.vertices @ direction / 0.1, 0, 1)[:, None] ** 2
+    if not closed:
+        mesh.update_faces(np.arange(len(mesh.faces)) >= 20)
+    shape = TriangleMesh(np.array(mesh.vertices), np.array(mesh.faces))
+    assert shape.is_closed == closed
+    local = rng.uniform(-0.15, 0.15, (100, 3))
+    distances = trimesh.proximity.closest_point(mesh, local)[1]
+    if closed:
+        distances = np.where(mesh.contains(local), -distances, distances)
+    found = Occlusion("o", shape, pose, 0.01).signed_distance(pose.transform_points(local))
+    np.testing.assert_allclose(found, distances - 0.01, rtol=0, atol=1e-9)
+
+
+@settings(deadline=None)
+@given(shape=shapes, pose=poses(), seed=st.integers(0, 2**32 - 1))
+def test_distances_change_no_more_than_the_point_moves(shape: Shape, pose: Pose, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    occlusion = Occlusion("o", shape, pose)
+    a = rng.uniform(-0.4, 0.4, (50, 3))
+    b = a + rng.normal(0, 0.05, (50, 3))
+    change = np.abs(occlusion.signed_distance(a) - occlusion.signed_distance(b))
+    assert np.all(change <= np.linalg.norm(a - b, axis=1) + 1e-12)
 
 
 @pytest.mark.parametrize("kind", [Box, Sphere, Cylinder, Cone])

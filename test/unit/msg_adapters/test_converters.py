@@ -8,6 +8,7 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, Vector3
 from mebo_grasp_interfaces.msg import GraspQuality
 from mebo_grasp_interfaces.msg import Occlusion as OcclusionMsg
+from shape_msgs.msg import Mesh as MeshMsg
 from shape_msgs.msg import SolidPrimitive
 
 from mebo_grasp.errors import (
@@ -18,13 +19,22 @@ from mebo_grasp.errors import (
 )
 from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, HandPosture, Pose, StampedGrasp
 from mebo_grasp.solutions.diversity import PoseMetric
-from mebo_grasp.solutions.occlusion import Box, Cone, Cylinder, Occlusion, Sphere
+from mebo_grasp.solutions.occlusion import (
+    Box,
+    Cone,
+    Cylinder,
+    Occlusion,
+    Sphere,
+    TriangleMesh,
+)
 from mebo_grasp.solutions.solution_set import SolutionSet
 from msg_adapters.grasp import from_grasp_quality_msg, to_grasp_quality_msg, to_joint_state_msg
 from msg_adapters.occlusion import (
+    from_mesh_msg,
     from_occlusion_array_msg,
     from_occlusion_msg,
     from_occlusion_msgs,
+    to_mesh_msg,
     to_occlusion_array_msg,
     to_occlusion_msg,
 )
@@ -206,12 +216,22 @@ def test_an_array_of_occlusions_keeps_their_order() -> None:
 
 
 def test_a_shape_of_another_kind_cannot_be_sent() -> None:
-    class Torus:
-        def contains(self, points: np.ndarray) -> np.ndarray:
-            return points[:, 0] > 0
+    mesh = TriangleMesh(np.eye(3), np.array([[0, 1, 2]]))
+    with pytest.raises(InvalidMessageError, match="TriangleMesh"):
+        to_occlusion_msg(Occlusion("o", mesh, Pose.identity()), "bottle")
 
-    with pytest.raises(InvalidMessageError, match="Torus"):
-        to_occlusion_msg(Occlusion("o", Torus(), Pose.identity()), "bottle")
+
+def test_a_mesh_keeps_its_corners_and_faces() -> None:
+    mesh = TriangleMesh(np.eye(3), np.array([[0, 1, 2], [2, 1, 0]]))
+    found = from_mesh_msg(to_mesh_msg(mesh))
+    np.testing.assert_array_equal(found.vertices, mesh.vertices)
+    np.testing.assert_array_equal(found.faces, mesh.faces)
+    with pytest.raises(InvalidOcclusionError, match="faces must have shape"):
+        from_mesh_msg(MeshMsg())
+    broken = to_mesh_msg(mesh)
+    broken.triangles[0].vertex_indices = [0, 1, 7]
+    with pytest.raises(InvalidOcclusionError, match="0 to 7, there are 3"):
+        from_mesh_msg(broken)
 
 
 def test_a_set_keeps_its_figures() -> None:
