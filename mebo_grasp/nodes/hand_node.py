@@ -14,6 +14,7 @@ from visualization_msgs.msg import MarkerArray
 from mebo_grasp.errors import MeboGraspError
 from mebo_grasp.grasp import Grasp, Pose, StampedGrasp
 from mebo_grasp.grasping.hand_model import HandModel
+from mebo_grasp.grasping.pose_space import position_space
 from mebo_grasp.grasping.simulator import GraspSimulator
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.grasping.trial import TrialSettings
@@ -47,12 +48,23 @@ class HandNode(Node):
         self._next_stamp = StampSource(lambda: self.get_clock().now().nanoseconds)
         self._marker_period = 1.0 / settings.marker_rate if settings.marker_rate > 0 else float("inf")
         self._markers_due = 0.0
+        self._warm_up()
         self._advertise(settings.hand_namespace)
         self.get_logger().info(
             f"hand '{self._hand.name}' is ready to grasp '{self._target.object_id}' "
             f"({' x '.join(f'{1000 * side:.0f}' for side in self._target.extents)} mm); "
             f"candidates are expected in frame '{self._target.object_id}'"
         )
+
+    def _warm_up(self) -> None:
+        # What compiles or is built at its first use does so before the first candidate can come: later it
+        # would look like a silent hand.
+        start = time.perf_counter()
+        space = position_space(self._target, self._hand)
+        self._simulator.trial(space.to_pose((space.lower + space.upper) / 2.0))
+        seconds = time.perf_counter() - start
+        if seconds > 1.0:
+            self.get_logger().info(f"prepared '{self._target.object_id}' in {seconds:.1f} s")
 
     def _advertise(self, hand_namespace: str) -> None:
         prefix = f"{hand_namespace}/" if hand_namespace else ""
