@@ -144,6 +144,17 @@ def test_contradicting_logs_get_a_clear_error(tmp_path, edit):
         resume(path)
 
 
+@pytest.mark.parametrize("torn", [b'{"kind": "tell", "id": 1', b'{"kind": "te\x00\x00\n', b"\n"])
+def test_a_torn_last_line_is_dropped_even_if_it_ends(tmp_path, torn):
+    path = edited(tmp_path, lambda _: None)
+    whole = path.read_bytes()
+    path.write_bytes(whole + torn)
+    assert resume(path).n_told == 3
+    run = LoggedOptimizer.resume(path)
+    run.close()
+    assert path.read_bytes() == whole
+
+
 def test_a_broken_line_in_the_middle_is_an_error_and_an_absent_file_too(tmp_path):
     path = edited(tmp_path, lambda _: None)
     lines = path.read_text().splitlines(keepends=True)

@@ -5,6 +5,7 @@ import pytest
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.optimization.methods.base import MethodSettings
+from mebo_grasp.optimization.methods.common import without_repeats
 from mebo_grasp.optimization.methods.mebo import Mebo
 from mebo_grasp.optimization.methods.registry import make_method
 from mebo_grasp.optimization.observations import Observations
@@ -123,3 +124,32 @@ def test_unknown_ways_of_learning_are_refused():
         MethodSettings(learning="guess")
     with pytest.raises(InvalidSettingsError, match="must be one of"):
         MethodSettings(kernel="cubic")
+
+
+def test_robot_continues_with_the_region_whose_turn_it_is():
+    settings = MethodSettings(num_solutions=2, min_distance=0.4)
+    known = Observations(2)
+    for u in np.random.default_rng(0).random((20, 2)):
+        known.add(u, two_peaks(u))
+    method, twin = (make_method("robot", SPACE, settings) for _ in range(2))
+    method.propose(known, 1, np.random.default_rng(0))
+    twin.restore(method.state())
+    for i in range(1, 4):
+        expected = method.propose(known, 1, np.random.default_rng(i))
+        assert np.array_equal(twin.propose(known, 1, np.random.default_rng(i)), expected)
+        assert twin.phase == method.phase == f"region {i % 2 + 1}"
+
+
+def test_tried_failed_and_open_points_are_moved_away_from():
+    known = Observations(2)
+    known.add([0.1, 0.1], 0.0)
+    known.add_failed([0.2, 0.2])
+    known.open(0, [1.0, 1.0])
+    wanted = np.array([[0.1, 0.1], [0.2, 0.2], [1.0, 1.0], [0.5, 0.5], [0.5, 0.5]])
+    moved = without_repeats(wanted, known, np.random.default_rng(0))
+    points = np.vstack([known.taken, moved])
+    gaps = np.linalg.norm(points[:, None] - points[None], axis=2) + 9.0 * np.eye(len(points))
+    assert gaps.min() > 1e-9
+    assert np.all((moved >= 0.0) & (moved <= 1.0))
+    assert np.abs(moved - wanted).max() < 0.01
+    assert np.array_equal(moved[3], wanted[3])
