@@ -119,8 +119,9 @@ class View:
 
     @property
     def confirmed(self) -> npt.NDArray[np.bool_]:
-        """Whether the incumbent has reached the top level, shape (m,)."""
-        return self.own >= self.level.top
+        """Whether the incumbent has reached the top level and about what its basin promises, shape (m,)."""
+        promised = self.mean - TOP_SHARE * self.level.spread
+        return self.own >= np.maximum(self.level.top, promised)
 
 
 class BasinSearch(MethodBase):

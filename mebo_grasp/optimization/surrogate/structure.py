@@ -7,6 +7,11 @@ its log evidence: the posterior density at its best hyperparameters, less half a
 which the data narrow a parameter's variance. All members are learned when the number of values has grown
 by a fixed factor; members that have fallen far behind are only refreshed then, and in between only those that
 are believed. As long as the evidence does not decide, several are: each with its share of the evidence.
+
+Where many values equal the lowest (a grasp quality is zero on most of the space) only the coupled Matérn 5/2
+is eligible. A squared exponential's functions are analytic, so one with a plateau would be constant, and a
+function that is cut off at a level is no sum over dimensions; the evidence rewards such members for the
+plateau that they predict well, while they promise the impossible beyond its border.
 """
 
 from __future__ import annotations
@@ -34,6 +39,8 @@ START_LENGTHSCALES = (0.08, 0.25, 0.8)
 MAX_BELIEVED, SMALLEST_SHARE = 3, 0.05
 """Members that are believed at once, and the share of the best one's evidence below which one is not."""
 START_ANGLES = tuple(np.linspace(0.0, np.pi / 2.0, 8, endpoint=False))
+PLATEAU_SHARE, PLATEAU_SIZE = 0.15, 4
+"""A share and a number of values equal to the lowest that mean that the function has a plateau there."""
 SMALL_REST = 0.05
 """Variance at which a coupled rest starts."""
 _HESSIAN_STEP = 1e-3
@@ -155,6 +162,12 @@ def family(dim: int) -> tuple[Structure, ...]:
         additive = [Structure(base, turned=turned) for turned in turns for base in bases]
     plain = coupled + additive
     return (*plain, *(replace(structure, warped=True) for structure in plain))
+
+
+def has_plateau(y: FloatArray) -> bool:
+    """Whether many of the values, shape (n,), equal the lowest."""
+    lowest = int(np.count_nonzero(y == np.min(y)))
+    return lowest >= PLATEAU_SIZE and lowest >= PLATEAU_SHARE * len(y)
 
 
 def prior_of(kernel: Kernel, dim: int) -> LogNormalPrior:
@@ -318,14 +331,18 @@ class StructuredSurrogate:
     def _compare(self, U: FloatArray, y: FloatArray, rng: np.random.Generator) -> None:
         data = self._data(U, y, self._settings.max_points_family, rng)
         first = not self._compared_at
+        plateau = has_plateau(y)
         scouted: list[Member] = []
         for member in self._members:
-            known = {other.structure: other.vector for other in scouted}
+            if plateau and member.structure != Structure(MATERN52):
+                scouted.append(replace(member, value=-np.inf))
+                continue
+            known = {other.structure: other.vector for other in scouted if np.isfinite(other.value)}
             scouted.append(self._scouted(member, *data, known, cold=first))
         best = max(member.value for member in scouted)
         learned: list[Member] = []
         for member in scouted:
-            known = {other.structure: other.vector for other in learned}
+            known = {other.structure: other.vector for other in learned if np.isfinite(other.value)}
             hopeful = member.value >= best - self._settings.contention
             learned.append(
                 self._learned(member, *data, known, cold=not first)

@@ -1,0 +1,113 @@
+"""Basin search: one trial a basin, one returned point a basin, every optimum of known functions."""
+
+import numpy as np
+import pytest
+
+from mebo_grasp.optimization.methods.basin_search import BasinSearch, level_of
+from mebo_grasp.optimization.observations import Observations
+from mebo_grasp.optimization.optimizer import Optimizer, OptimizerSettings
+from mebo_grasp.optimization.search_space import SearchSpace
+
+PEAKS = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
+
+
+def five_peaks(x):
+    return float(np.sin(5.0 * np.pi * x[0]) ** 6)
+
+
+def observed(points, function):
+    observations = Observations(len(points[0]))
+    for point in points:
+        observations.add(point, function(point))
+    return observations
+
+
+def finished(function, dim, budget, seed=0, **settings):
+    optimizer = Optimizer(
+        SearchSpace.unit_cube(dim), "basin_search", OptimizerSettings(budget=budget, **settings), seed
+    )
+    while not optimizer.finished:
+        for trial in optimizer.ask():
+            optimizer.tell(trial.id, function(trial.x))
+    return optimizer
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_each_unconfirmed_peak_gets_one_trial(seed):
+    # On this grid the best value is 0.81 on either side of each peak; five trials must hit the five peaks.
+    net = (np.arange(30)[:, None] + 0.5) / 30.0
+    method = BasinSearch(SearchSpace.unit_cube(1), OptimizerSettings())
+    points = method.propose(observed(net, five_peaks), 5, np.random.default_rng(seed))
+    distance = np.abs(points - PEAKS)
+    assert sorted(np.argmin(distance, axis=1)) == [0, 1, 2, 3, 4]
+    assert np.max(np.min(distance, axis=1)) < 0.02
+
+
+def test_pending_peak_is_left_alone():
+    net = (np.arange(30)[:, None] + 0.5) / 30.0
+    observations = observed(net, five_peaks)
+    observations.open(0, [0.3])
+    method = BasinSearch(SearchSpace.unit_cube(1), OptimizerSettings())
+    points = method.propose(observations, 3, np.random.default_rng(0))
+    assert np.min(np.abs(points - 0.3)) > 0.05
+
+
+def test_failed_peak_is_left_alone():
+    net = (np.arange(30)[:, None] + 0.5) / 30.0
+    observations = observed(net, five_peaks)
+    observations.add_failed([0.7])
+    method = BasinSearch(SearchSpace.unit_cube(1), OptimizerSettings())
+    points = method.propose(observations, 3, np.random.default_rng(0))
+    assert np.min(np.abs(points - 0.7)) > 0.05
+
+
+def test_solution_set_is_one_point_a_peak_within_a_thousandth():
+    solutions = finished(five_peaks, 1, 60).solution_set()
+    assert len(solutions) == 5
+    assert sorted(np.argmin(np.abs(s.x[0] - PEAKS)) for s in solutions) == [0, 1, 2, 3, 4]
+    assert min(s.value for s in solutions) > 0.999
+    values = [s.value for s in solutions]
+    assert values == sorted(values, reverse=True)
+
+
+def test_size_and_distance_are_kept_when_given():
+    optimizer = finished(five_peaks, 1, 45)
+    assert len(optimizer.solution_set(size=2)) == 2
+    far = np.sort([s.x[0] for s in optimizer.solution_set(min_distance=0.35)])
+    assert np.all(np.diff(far) >= 0.35)
+
+
+def test_all_twelve_optima_of_a_sum_of_cosines():
+    def rastrigin(x):
+        return float(-np.sum(10.0 + 9.0 * np.cos(2.0 * np.pi * np.array([3.0, 4.0]) * x)))
+
+    solutions = finished(rastrigin, 2, 55).solution_set()
+    top = np.array([s.x for s in solutions if s.value > -2.1])
+    grid = {(int(x * 3.0), int(y * 4.0)) for x, y in top}
+    assert len(grid) == 12
+
+
+def test_level_is_not_drawn_up_by_trials_that_gather_at_the_top():
+    rng = np.random.default_rng(0)
+    spread_out, gathered = rng.random((20, 1)), 0.5 + 0.001 * rng.standard_normal((60, 1))
+    method = BasinSearch(SearchSpace.unit_cube(1), OptimizerSettings())
+    U = np.concatenate([spread_out, gathered])
+    y = np.array([five_peaks(u) for u in U])
+    level = level_of(method.surrogate.update(U, y, rng).best)
+    assert np.median(y) > 0.99
+    assert level.spread > 0.5
+
+
+def test_search_of_a_plateau_goes_on_elsewhere():
+    def plateau(x):
+        return float(max(0.0, 1.0 - 8.0 * np.linalg.norm(x - 0.3)))
+
+    optimizer = finished(plateau, 2, 60, n_initial=25)
+    assert optimizer.incumbent.value > 0.9
+
+
+def test_noise_does_not_break_the_search():
+    rng = np.random.default_rng(5)
+    optimizer = finished(lambda x: five_peaks(x) + 0.05 * rng.standard_normal(), 1, 60)
+    hits = [s.x[0] for s in optimizer.solution_set() if five_peaks(s.x) > 0.9]
+    assert len({int(np.argmin(np.abs(x - PEAKS))) for x in hits}) == 5
