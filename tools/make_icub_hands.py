@@ -48,8 +48,12 @@ PALM_TO_TCP = np.array([62.5, 0.0, 4.0])
 
 FINGERS = (
     Finger(
-        "thumb", (39.0, 12.0, 2.5), (0.0, 0.083141, -0.506844),
-        ((21.1, 4.9, 0.0), (26.0, 0.0, 0.0), (22.0, 0.0, 0.0)), HALF_PI, (0.0, np.radians(120.0)),
+        "thumb",
+        (39.0, 12.0, 2.5),
+        (0.0, 0.083141, -0.506844),
+        ((21.1, 4.9, 0.0), (26.0, 0.0, 0.0), (22.0, 0.0, 0.0)),
+        HALF_PI,
+        (0.0, np.radians(120.0)),
         (
             Capsule((10.640, 2.562, -0.021), (0.958402, 0.283885, -0.029571), 6.312, 18.735),
             Capsule((13.075, 0.142, 0.175), (-0.998975, -0.014669, 0.042827), 6.210, 21.900),
@@ -58,8 +62,12 @@ FINGERS = (
         ),
     ),
     Finger(
-        "index", (64.25, 26.22, -6.7), (0.087266, 0.0, 0.071558),
-        ((14.8, -1.75, 0.0), (25.9, 0.0, 0.0), (22.0, 0.0, 0.0)), HALF_PI, (-np.radians(25.0), np.radians(25.0)),
+        "index",
+        (64.25, 26.22, -6.7),
+        (0.087266, 0.0, 0.071558),
+        ((14.8, -1.75, 0.0), (25.9, 0.0, 0.0), (22.0, 0.0, 0.0)),
+        HALF_PI,
+        (-np.radians(25.0), np.radians(25.0)),
         (
             Capsule((7.236, -1.421, -0.384), (-0.994309, 0.099533, 0.037993), 5.952, 13.121),
             Capsule((13.327, -0.148, -0.090), (-0.999225, 0.015022, -0.036372), 6.194, 21.465),
@@ -68,8 +76,12 @@ FINGERS = (
         ),
     ),
     Finger(
-        "middle", (65.0, 9.77, -7.6), (0.0, 0.0, 0.0),
-        ((15.3, -2.2, 0.0), (25.8, 0.0, 0.0), (24.0, 0.0, 0.0)), HALF_PI, (-np.radians(25.0), np.radians(25.0)),
+        "middle",
+        (65.0, 9.77, -7.6),
+        (0.0, 0.0, 0.0),
+        ((15.3, -2.2, 0.0), (25.8, 0.0, 0.0), (24.0, 0.0, 0.0)),
+        HALF_PI,
+        (-np.radians(25.0), np.radians(25.0)),
         (
             Capsule((6.700, -1.314, -0.225), (0.997368, -0.067432, -0.026638), 5.933, 15.108),
             Capsule((14.808, -0.153, -0.085), (0.999421, -0.017490, 0.029195), 6.173, 24.125),
@@ -78,8 +90,12 @@ FINGERS = (
         ),
     ),
     Finger(
-        "ring", (64.13, -5.65, -7.0), (-0.087266, 0.0, -0.106465),
-        ((14.8, -1.75, 0.0), (25.9, 0.0, 0.0), (22.0, 0.0, 0.0)), HALF_PI, (-np.radians(25.0), np.radians(25.0)),
+        "ring",
+        (64.13, -5.65, -7.0),
+        (-0.087266, 0.0, -0.106465),
+        ((14.8, -1.75, 0.0), (25.9, 0.0, 0.0), (22.0, 0.0, 0.0)),
+        HALF_PI,
+        (-np.radians(25.0), np.radians(25.0)),
         (
             Capsule((7.077, -1.494, -0.417), (0.989764, -0.135557, -0.044628), 5.900, 13.034),
             Capsule((13.389, -0.196, -0.050), (0.999330, -0.007863, 0.035741), 6.198, 21.386),
@@ -88,8 +104,12 @@ FINGERS = (
         ),
     ),
     Finger(
-        "little", (62.11, -24.54, -6.0), (-0.087266, 0.0, -0.106465),
-        ((14.8, 1.75, 0.0), (21.9, 0.0, 0.0), (19.0, 0.0, 0.0)), HALF_PI, (-np.radians(25.0), np.radians(25.0)),
+        "little",
+        (62.11, -24.54, -6.0),
+        (-0.087266, 0.0, -0.106465),
+        ((14.8, 1.75, 0.0), (21.9, 0.0, 0.0), (19.0, 0.0, 0.0)),
+        HALF_PI,
+        (-np.radians(25.0), np.radians(25.0)),
         (
             Capsule((7.152, 1.244, -0.330), (-0.996728, -0.058487, 0.055787), 5.899, 12.909),
             Capsule((11.401, -0.232, -0.051), (-0.999023, 0.016542, -0.040979), 6.203, 17.733),
@@ -115,7 +135,9 @@ def _matrix(xyz: np.ndarray, rotation: Rotation) -> np.ndarray:
 
 def _finger_frames(finger: Finger) -> list[np.ndarray]:
     """Return each joint frame (z is the axis) in its parent's, the first one in the hand frame; left hand."""
-    T_tcp_palm = _matrix(np.zeros(3), Rotation.from_euler("x", np.pi)) @ _matrix(-PALM_TO_TCP, Rotation.identity())
+    T_tcp_palm = _matrix(np.zeros(3), Rotation.from_euler("x", np.pi)) @ _matrix(
+        -PALM_TO_TCP, Rotation.identity()
+    )
     base = _matrix(np.array(finger.base_xyz), Rotation.from_euler("xyz", finger.base_rpy))
     if finger.name == "thumb":
         base = base @ _matrix(np.zeros(3), TURN_THUMB)
@@ -262,7 +284,11 @@ def build_yaml(side: str) -> str:
         joints = ", ".join(f"{p}_{finger.name}_{index}" for index in (1, 2, 3))
         lines.append(f"  {finger.name}: {{joints: [{joints}]}}")
     return YAML_TEMPLATE.format(
-        side=side, p=p, out=f"{sign:g}", gcp=f"{0.009 * sign:g}", approach=f"{0.70710678 * sign:.8g}",
+        side=side,
+        p=p,
+        out=f"{sign:g}",
+        gcp=f"{0.009 * sign:g}",
+        approach=f"{0.70710678 * sign:.8g}",
         fingers="\n".join(lines),
     )
 

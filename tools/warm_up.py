@@ -30,9 +30,7 @@ def run_trials() -> list[Grasp]:
     target, hand = TargetObject.builtin("bottle"), HandModel.load("icub_left")
     space, rng = position_space(target, hand), np.random.default_rng(1)
     with GraspSimulator(target, hand) as simulator:
-        return [
-            simulator.trial(space.to_pose(rng.uniform(space.lower, space.upper))) for _ in range(TRIALS)
-        ]
+        return [simulator.trial(space.to_pose(rng.uniform(space.lower, space.upper))) for _ in range(TRIALS)]
 
 
 def run_optimizers() -> None:

@@ -8,6 +8,7 @@ Frame: z up, origin at the centre of the bounding box.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -20,13 +21,36 @@ SECTORS = 48
 WALL_SECTORS = 24
 
 BOTTLE_PROFILE = (
-    (0.0, 0.0), (0.0305, 0.0), (0.03283, 0.004), (0.03283, 0.128), (0.0300, 0.140), (0.0230, 0.152),
-    (0.0135, 0.168), (0.0125, 0.180), (0.0155, 0.1815), (0.0155, 0.1985), (0.0145, 0.1995), (0.0, 0.1995),
+    (0.0, 0.0),
+    (0.0305, 0.0),
+    (0.03283, 0.004),
+    (0.03283, 0.128),
+    (0.0300, 0.140),
+    (0.0230, 0.152),
+    (0.0135, 0.168),
+    (0.0125, 0.180),
+    (0.0155, 0.1815),
+    (0.0155, 0.1985),
+    (0.0145, 0.1995),
+    (0.0, 0.1995),
 )
 VASE_PROFILE = (
-    (0.0, 0.0), (0.047, 0.0), (0.047, 0.006), (0.030, 0.030), (0.0180, 0.055), (0.0165, 0.100),
-    (0.0205, 0.142), (0.0310, 0.162), (0.0335, 0.180), (0.0240, 0.203), (0.0300, 0.211), (0.0540, 0.223),
-    (0.0700, 0.250), (0.0830, 0.284), (0.0830, 0.292), (0.0, 0.292),
+    (0.0, 0.0),
+    (0.047, 0.0),
+    (0.047, 0.006),
+    (0.030, 0.030),
+    (0.0180, 0.055),
+    (0.0165, 0.100),
+    (0.0205, 0.142),
+    (0.0310, 0.162),
+    (0.0335, 0.180),
+    (0.0240, 0.203),
+    (0.0300, 0.211),
+    (0.0540, 0.223),
+    (0.0700, 0.250),
+    (0.0830, 0.284),
+    (0.0830, 0.292),
+    (0.0, 0.292),
 )
 GLASS_OUTER = ((0.0290, 0.0), (0.0310, 0.003), (0.0355, 0.159))
 GLASS_INNER = ((0.0265, 0.008), (0.0285, 0.011), (0.0330, 0.159))
@@ -83,10 +107,12 @@ def _wall(outer: tuple[tuple[float, float], ...], inner: tuple[tuple[float, floa
     parts = [np.vstack([_ring(*outer[0]), _ring(*outer[1]), _ring(_radius_at(outer, rim), rim)])]
     for sector in range(WALL_SECTORS):
         angles = 2.0 * np.pi * np.array([sector, sector + 1]) / WALL_SECTORS
-        for (lower_in, upper_in) in zip(inner[:-1], inner[1:], strict=True):
+        for lower_in, upper_in in pairwise(inner):
             corners = [
-                lower_in, upper_in,
-                (_radius_at(outer, lower_in[1]), lower_in[1]), (_radius_at(outer, upper_in[1]), upper_in[1]),
+                lower_in,
+                upper_in,
+                (_radius_at(outer, lower_in[1]), lower_in[1]),
+                (_radius_at(outer, upper_in[1]), upper_in[1]),
             ]
             parts.append(np.array([[r * np.cos(a), r * np.sin(a), z] for r, z in corners for a in angles]))
     return parts
@@ -112,15 +138,29 @@ def _mug() -> Shape:
     """A cup of 82 mm with a handle of seven straight bars that reach 122 mm along y."""
     parts = _wall(MUG_OUTER, MUG_INNER)
     path = np.array(
-        [[0.038, 0.020], [0.058, 0.021], [0.070, 0.030], [0.0762, 0.045], [0.0762, 0.060], [0.070, 0.074],
-         [0.058, 0.083], [0.038, 0.084]]
+        [
+            [0.038, 0.020],
+            [0.058, 0.021],
+            [0.070, 0.030],
+            [0.0762, 0.045],
+            [0.0762, 0.060],
+            [0.070, 0.074],
+            [0.058, 0.083],
+            [0.038, 0.084],
+        ]
     )
     bars = []
-    for start, end in zip(path[:-1], path[1:], strict=True):
+    for start, end in pairwise(path):
         along = (end - start) / np.linalg.norm(end - start)
         across = 0.0048 * np.array([-along[1], along[0]])
-        outline = np.array([start - along * 0.002 - across, start - along * 0.002 + across,
-                            end + along * 0.002 - across, end + along * 0.002 + across])
+        outline = np.array(
+            [
+                start - along * 0.002 - across,
+                start - along * 0.002 + across,
+                end + along * 0.002 - across,
+                end + along * 0.002 + across,
+            ]
+        )
         bars.append(np.array([[x, y, z] for x in (-0.006, 0.006) for y, z in outline]))
     hulls = [trimesh.PointCloud(bar).convex_hull for bar in bars]
     mesh = trimesh.util.concatenate([_cup_mesh(MUG_OUTER, MUG_INNER), *hulls])

@@ -61,7 +61,9 @@ def place(T_parent: FloatArray, T_shape: FloatArray, out: FloatArray) -> None:
 
 
 @njit(cache=True)
-def near_boxes(center: FloatArray, radius: float, lower: FloatArray, upper: FloatArray, near: IntArray) -> int:
+def near_boxes(
+    center: FloatArray, radius: float, lower: FloatArray, upper: FloatArray, near: IntArray
+) -> int:
     """Write the indices of the boxes that a ball meets into ``near``; return how many."""
     count = 0
     for i in range(lower.shape[0]):
@@ -113,8 +115,11 @@ class BulletWorld:
         if not target.solid_parts:
             mesh = target.mesh
             shape = pybullet.createCollisionShape(
-                pybullet.GEOM_MESH, vertices=mesh.vertices.tolist(), indices=mesh.faces.reshape(-1).tolist(),
-                flags=pybullet.GEOM_FORCE_CONCAVE_TRIMESH, physicsClientId=self._client,
+                pybullet.GEOM_MESH,
+                vertices=mesh.vertices.tolist(),
+                indices=mesh.faces.reshape(-1).tolist(),
+                flags=pybullet.GEOM_FORCE_CONCAVE_TRIMESH,
+                physicsClientId=self._client,
             )
             return [pybullet.createMultiBody(0, shape, physicsClientId=self._client)]
         bodies = []
@@ -158,8 +163,12 @@ class BulletWorld:
         count = near_boxes(self._placed, self._balls[index] + reach, self._lower, self._upper, self._near)
         for body in [self._bodies[i] for i in self._near[:count].tolist()]:
             hits = pybullet.getClosestPoints(
-                bodyA=body, bodyB=-1, distance=reach - margin, collisionShapeB=self._shapes[index],
-                collisionShapePositionB=placed[:3], collisionShapeOrientationB=placed[3:],
+                bodyA=body,
+                bodyB=-1,
+                distance=reach - margin,
+                collisionShapeB=self._shapes[index],
+                collisionShapePositionB=placed[:3],
+                collisionShapeOrientationB=placed[3:],
                 physicsClientId=self._client,
             )
             for hit in hits:

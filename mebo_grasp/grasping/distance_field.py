@@ -88,7 +88,13 @@ def build_tree(triangles: FloatArray) -> TriangleTree:
     lower = np.array([ordered[s:e].min(axis=(0, 1)) for s, e in zip(starts, ends, strict=True)])
     upper = np.array([ordered[s:e].max(axis=(0, 1)) for s, e in zip(starts, ends, strict=True)])
     return TriangleTree(
-        ordered, lower, upper, np.array(rights), np.ascontiguousarray(starts), np.ascontiguousarray(ends), order
+        ordered,
+        lower,
+        upper,
+        np.array(rights),
+        np.ascontiguousarray(starts),
+        np.ascontiguousarray(ends),
+        order,
     )
 
 
@@ -199,8 +205,9 @@ def inside_parts(points: FloatArray, parts: tuple[FloatArray, ...]) -> npt.NDArr
     return inside
 
 
-def _inside_surface(distances: FloatArray, nearest: IntArray, points: FloatArray, tree: TriangleTree,
-                    cell: float) -> npt.NDArray[np.bool_]:
+def _inside_surface(
+    distances: FloatArray, nearest: IntArray, points: FloatArray, tree: TriangleTree, cell: float
+) -> npt.NDArray[np.bool_]:
     """Tell inside from outside by what a closed skin of nodes near the surface encloses.
 
     Nodes of the skin itself are inside where they lie behind their nearest triangle.
@@ -212,7 +219,9 @@ def _inside_surface(distances: FloatArray, nearest: IntArray, points: FloatArray
     outside = np.isin(labels, np.unique(labels[border]))
     corners = tree.triangles[nearest[skin]]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    behind = np.einsum("ij,ij->i", normals, points.reshape(*labels.shape, 3)[skin] - corners.mean(axis=1)) < 0.0
+    behind = (
+        np.einsum("ij,ij->i", normals, points.reshape(*labels.shape, 3)[skin] - corners.mean(axis=1)) < 0.0
+    )
     inside = ~outside & ~skin
     enclosed = ndimage.binary_dilation(inside, iterations=2)[skin]
     inside[skin] = behind & enclosed

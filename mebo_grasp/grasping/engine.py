@@ -52,7 +52,9 @@ def exact_gap(engine: Engine, hand: HandArrays, field: DistanceField, pose: Floa
 
 
 @njit(cache=True)
-def fast_gap(tree: TriangleTree, hand: HandArrays, field: DistanceField, pose: FloatArray, shape: int) -> float:
+def fast_gap(
+    tree: TriangleTree, hand: HandArrays, field: DistanceField, pose: FloatArray, shape: int
+) -> float:
     """Return the gap of a capsule, sphere or box measured against the object's triangles."""
     ends = np.empty((2, 3))
     for which in range(2):
@@ -61,7 +63,9 @@ def fast_gap(tree: TriangleTree, hand: HandArrays, field: DistanceField, pose: F
             ends[which, k] = pose[k, 0] * c[0] + pose[k, 1] * c[1] + pose[k, 2] * c[2] + pose[k, 3]
     inside = sample(field, ends[0, 0], ends[0, 1], ends[0, 2]) < -field.slack
     if hand.kind[shape] == BOX:
-        return -QUERY_RANGE if inside else box_gap(tree, pose, hand.box[shape], hand.ends[shape, 0], QUERY_RANGE)
+        return (
+            -QUERY_RANGE if inside else box_gap(tree, pose, hand.box[shape], hand.ends[shape, 0], QUERY_RANGE)
+        )
     radius = hand.radius[shape]
     if inside:
         return -radius

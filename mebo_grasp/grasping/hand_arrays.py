@@ -26,6 +26,10 @@ FREE_AT_START = 1e-4
 """Pairs of links nearer than this in the preshape are never tested against each other, metres."""
 
 
+_Chains = tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+"""The first seven attributes of ``HandArrays``."""
+
+
 class HandArrays(NamedTuple):
     """Chains, shapes and self-collision pairs; see the module's text for groups.
 
@@ -94,7 +98,9 @@ def build_hand_arrays(hand: HandModel, posture: HandPosture) -> tuple[HandArrays
     chains = [finger.joints for finger in hand.fingers]
     longest = max(len(chain) for chain in chains)
     if longest > MOST_JOINTS:
-        raise InvalidHandError(f"hand '{hand.name}': a finger closes {longest} joints, at most {MOST_JOINTS} are taken")
+        raise InvalidHandError(
+            f"hand '{hand.name}': a finger closes {longest} joints, at most {MOST_JOINTS} are taken"
+        )
     values = dict(zip(posture.names, posture.positions, strict=True))
     groups, poses = _rigid_groups(hand, values)
     static = len(chains) * MOST_JOINTS
@@ -111,12 +117,20 @@ def build_hand_arrays(hand: HandModel, posture: HandPosture) -> tuple[HandArrays
     sphere_start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     ends, radius, kind, box = _self_shapes(order, T)
     arrays = HandArrays(
-        *chain_data, shape_group.astype(np.int64),
+        *chain_data,
+        shape_group.astype(np.int64),
         np.searchsorted(shape_group, np.arange(static + 2)).astype(np.int64),
-        ends, radius, kind, box, sphere_start, centers, radii,
+        ends,
+        radius,
+        kind,
+        box,
+        sphere_start,
+        centers,
+        radii,
         _reaches(chain_data[1], shape_group, centers, radii, sphere_start, static),
         np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / 2.0 + radius + np.linalg.norm(box[:, 3], axis=1),
-        *_pairs(shape_group, static), *_slabs(chain_data, shape_group, ends, radius, kind),
+        *_pairs(shape_group, static),
+        *_slabs(chain_data, shape_group, ends, radius, kind),
     )
     return arrays, HandLayout(tuple(order), T, tuple(chains))
 
@@ -124,7 +138,9 @@ def build_hand_arrays(hand: HandModel, posture: HandPosture) -> tuple[HandArrays
 def _rigid_groups(hand: HandModel, values: dict[str, float]) -> tuple[dict[str, int], dict[str, FloatArray]]:
     """Return each link's group, and its pose in the frame of that group."""
     closing = {
-        joint: f * MOST_JOINTS + j for f, finger in enumerate(hand.fingers) for j, joint in enumerate(finger.joints)
+        joint: f * MOST_JOINTS + j
+        for f, finger in enumerate(hand.fingers)
+        for j, joint in enumerate(finger.joints)
     }
     T_tcp = hand.link_transforms(HandPosture(tuple(values), tuple(values.values())))
     root = hand.urdf.root
@@ -149,7 +165,7 @@ def _joint_pose(joint: UrdfJoint, value: float) -> FloatArray:
     return T
 
 
-def _chain_arrays(hand: HandModel, values: dict[str, float]) -> tuple[IntArray, ...]:
+def _chain_arrays(hand: HandModel, values: dict[str, float]) -> _Chains:
     F = len(hand.fingers)
     counts = np.array([len(finger.joints) for finger in hand.fingers], dtype=np.int64)
     fixed = np.tile(np.eye(4), (F, MOST_JOINTS, 1, 1))
@@ -166,7 +182,9 @@ def _chain_arrays(hand: HandModel, values: dict[str, float]) -> tuple[IntArray, 
     return counts, fixed, axis, speed, lower, upper, start
 
 
-def _self_shapes(shapes: list[LinkShape], T: FloatArray) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:
+def _self_shapes(
+    shapes: list[LinkShape], T: FloatArray
+) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:
     """Return the shapes as capsules and boxes for tests of the hand against itself."""
     n = len(shapes)
     ends, radius = np.zeros((n, 2, 3)), np.zeros(n)
@@ -180,7 +198,10 @@ def _self_shapes(shapes: list[LinkShape], T: FloatArray) -> tuple[FloatArray, Fl
             box[i, :3], box[i, 3] = T[i, :3, :3].T, np.array(shape.dims) / 2.0
         else:
             half, radius[i], middle = _capsule_of(shape)
-            ends[i] = [T[i, :3, :3] @ (middle - half) + T[i, :3, 3], T[i, :3, :3] @ (middle + half) + T[i, :3, 3]]
+            ends[i] = [
+                T[i, :3, :3] @ (middle - half) + T[i, :3, 3],
+                T[i, :3, :3] @ (middle + half) + T[i, :3, 3],
+            ]
     return ends, radius, kind, box
 
 
@@ -201,7 +222,11 @@ def _capsule_of(shape: LinkShape) -> tuple[FloatArray, float, FloatArray]:
 
 
 def _reaches(
-    fixed: FloatArray, shape_group: IntArray, centers: FloatArray, radii: FloatArray, sphere_start: IntArray,
+    fixed: FloatArray,
+    shape_group: IntArray,
+    centers: FloatArray,
+    radii: FloatArray,
+    sphere_start: IntArray,
     static: int,
 ) -> FloatArray:
     """Bound how far each shape's points get from each joint of its finger, whatever the joint values."""
@@ -219,7 +244,7 @@ def _reaches(
 
 
 def _slabs(
-    chains: tuple[IntArray, ...], shape_group: IntArray, ends: FloatArray, radius: FloatArray, kind: IntArray
+    chains: _Chains, shape_group: IntArray, ends: FloatArray, radius: FloatArray, kind: IntArray
 ) -> tuple[FloatArray, FloatArray]:
     """Find the slab that each finger moves in: joints with parallel axes keep all points' height along them."""
     counts, fixed, axis = chains[:3]
@@ -251,7 +276,9 @@ def _pairs(shape_group: IntArray, static: int) -> tuple[IntArray, IntArray]:
         for k, other_group in enumerate(shape_group):
             if group == static:
                 continue
-            if (other_group == static and j >= 1) or (other_group != static and int(other_group) // MOST_JOINTS != f):
+            if (other_group == static and j >= 1) or (
+                other_group != static and int(other_group) // MOST_JOINTS != f
+            ):
                 others.append(k)
         start.append(len(others))
     return np.array(start, dtype=np.int64), np.array(others, dtype=np.int64)
@@ -259,7 +286,8 @@ def _pairs(shape_group: IntArray, static: int) -> tuple[IntArray, IntArray]:
 
 def without_pairs(hand: HandArrays, touching: list[tuple[int, int]]) -> HandArrays:
     """Return the hand with some pairs of shapes exempted from the test of the hand against itself."""
-    start, others = [0], []
+    start: list[int] = [0]
+    others: list[int] = []
     for shape in range(len(hand.shape_group)):
         partners = hand.pair_other[hand.pair_start[shape] : hand.pair_start[shape + 1]]
         others.extend(int(other) for other in partners if (shape, int(other)) not in touching)

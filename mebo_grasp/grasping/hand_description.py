@@ -14,8 +14,17 @@ from mebo_grasp.errors import InvalidHandError
 from mebo_grasp.grasp import Pose
 
 KNOWN_KEYS = {
-    "name", "urdf", "tcp", "palm_links", "palm_normal", "grasp_center", "approach_axis", "preshape", "fingers",
-    "motor_limits", "couplings",
+    "name",
+    "urdf",
+    "tcp",
+    "palm_links",
+    "palm_normal",
+    "grasp_center",
+    "approach_axis",
+    "preshape",
+    "fingers",
+    "motor_limits",
+    "couplings",
 }
 REQUIRED_KEYS = {"name", "urdf", "tcp", "palm_links", "palm_normal", "fingers"}
 
@@ -79,7 +88,8 @@ def _check_keys(data: dict[str, Any], path: Path) -> None:
     unknown = sorted(str(key) for key in set(data) - KNOWN_KEYS)
     if unknown:
         raise InvalidHandError(
-            f"hand description '{path}' has unknown keys {', '.join(unknown)}; known are {', '.join(sorted(KNOWN_KEYS))}"
+            f"hand description '{path}' has unknown keys {', '.join(unknown)}; "
+            f"known are {', '.join(sorted(KNOWN_KEYS))}"
         )
 
 

@@ -125,7 +125,9 @@ class HandModel:
         """Joint name to {motor: coefficient}: joint = sum of coefficient times motor."""
         return self.description.couplings
 
-    def posture(self, joints: Mapping[str, float] | Sequence[float] | HandPosture | None = None) -> HandPosture:
+    def posture(
+        self, joints: Mapping[str, float] | Sequence[float] | HandPosture | None = None
+    ) -> HandPosture:
         """Return a full posture: the preshape, changed by the joints given.
 
         Raises:
@@ -137,7 +139,9 @@ class HandModel:
             joints = dict(zip(joints.names, joints.positions, strict=True))
         if not isinstance(joints, Mapping):
             if len(joints) != len(self.joint_names):
-                raise InvalidHandError(f"hand '{self.name}' has {len(self.joint_names)} joints, got {len(joints)}")
+                raise InvalidHandError(
+                    f"hand '{self.name}' has {len(self.joint_names)} joints, got {len(joints)}"
+                )
             return HandPosture(self.joint_names, tuple(float(value) for value in joints))
         unknown = sorted(set(joints) - set(self.joint_names))
         if unknown:
@@ -154,9 +158,7 @@ class HandModel:
         T_tcp_root = np.linalg.inv(T_root[self.description.tcp_link] @ self.description.T_link_tcp.matrix)
         return {link: T_tcp_root @ T for link, T in T_root.items()}
 
-    def link_geometry(
-        self, posture: HandPosture | None = None, collision: bool = False
-    ) -> list[PlacedShape]:
+    def link_geometry(self, posture: HandPosture | None = None, collision: bool = False) -> list[PlacedShape]:
         """Return the shapes of all links in the TCP frame: those for display, or those that may collide."""
         transforms = self.link_transforms(posture)
         shapes = self.urdf.collisions if collision else self.urdf.visuals
@@ -171,7 +173,9 @@ class HandModel:
         known = {motor for row in self.couplings.values() for motor in row}
         unknown = sorted(set(motors) - known)
         if unknown:
-            raise InvalidHandError(f"hand '{self.name}' has no motor {', '.join(unknown)}; it has {sorted(known)}")
+            raise InvalidHandError(
+                f"hand '{self.name}' has no motor {', '.join(unknown)}; it has {sorted(known)}"
+            )
         joints = {
             joint: sum(coefficient * motors[motor] for motor, coefficient in row.items())
             for joint, row in self.couplings.items()
@@ -195,7 +199,9 @@ def check_description(description: HandDescription, urdf: Urdf) -> None:
     """
     for link in (description.tcp_link, *description.palm_links):
         if link not in urdf.links:
-            raise InvalidHandError(f"hand '{description.name}': no link '{link}' in {description.urdf_path.name}")
+            raise InvalidHandError(
+                f"hand '{description.name}': no link '{link}' in {description.urdf_path.name}"
+            )
     named = [joint for finger in description.fingers for joint in finger.joints]
     for joint in (*named, *description.preshape, *description.couplings):
         if joint not in urdf.joint_names:
@@ -205,12 +211,21 @@ def check_description(description: HandDescription, urdf: Urdf) -> None:
             )
     if len(set(named)) != len(named):
         raise InvalidHandError(f"hand '{description.name}': a joint stands in two finger chains")
+    _check_chains(description, urdf)
+    _check_preshape(description, urdf)
+
+
+def _check_chains(description: HandDescription, urdf: Urdf) -> None:
     for finger in description.fingers:
         for parent, child in zip(finger.joints[:-1], finger.joints[1:], strict=True):
             if not urdf.is_ancestor(parent, child):
                 raise InvalidHandError(
-                    f"hand '{description.name}', finger '{finger.name}': joint '{child}' does not follow '{parent}'"
+                    f"hand '{description.name}', finger '{finger.name}': "
+                    f"joint '{child}' does not follow '{parent}'"
                 )
+
+
+def _check_preshape(description: HandDescription, urdf: Urdf) -> None:
     for joint, value in description.preshape.items():
         limits = urdf.joint(joint)
         if not limits.lower - 1e-9 <= value <= limits.upper + 1e-9:

@@ -164,7 +164,9 @@ def box_gap(tree: TriangleTree, pose: FloatArray, box: FloatArray, center: Float
         node = stack[top]
         apart2 = 0.0
         for k in range(3):
-            gap = max(tree.lower[node, k] - middle[k] - reach[k], middle[k] - reach[k] - tree.upper[node, k], 0.0)
+            gap = max(
+                tree.lower[node, k] - middle[k] - reach[k], middle[k] - reach[k] - tree.upper[node, k], 0.0
+            )
             apart2 += gap * gap
         if apart2 >= best * best:
             continue

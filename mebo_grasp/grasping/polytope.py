@@ -71,7 +71,11 @@ def _initial_simplex(points: FloatArray, simplex: npt.NDArray[np.int64]) -> bool
 
 @njit(cache=True)
 def _plane(
-    points: FloatArray, vertices: npt.NDArray[np.int64], inside: FloatArray, work: FloatArray, normal: FloatArray
+    points: FloatArray,
+    vertices: npt.NDArray[np.int64],
+    inside: FloatArray,
+    work: FloatArray,
+    normal: FloatArray,
 ) -> tuple[float, float]:
     """Write the unit normal of a facet, pointing away from ``inside``; return its offset and its pivot product.
 
@@ -164,7 +168,9 @@ def _toggle(
 
 
 @njit(cache=True)
-def _insert_sorted(vertices: npt.NDArray[np.int64], leave_out: int, point: int, out: npt.NDArray[np.int64]) -> None:
+def _insert_sorted(
+    vertices: npt.NDArray[np.int64], leave_out: int, point: int, out: npt.NDArray[np.int64]
+) -> None:
     """Replace one vertex of a facet by a point and keep the indices sorted."""
     at = 0
     placed = False
@@ -183,9 +189,17 @@ def _insert_sorted(vertices: npt.NDArray[np.int64], leave_out: int, point: int, 
 
 @njit(cache=True)
 def _add_point(
-    points: FloatArray, point: int, inside: FloatArray, vertices: npt.NDArray[np.int64], normals: FloatArray,
-    offsets: FloatArray, areas: FloatArray, count: int, table: npt.NDArray[np.int64],
-    owner: npt.NDArray[np.int64], work: FloatArray,
+    points: FloatArray,
+    point: int,
+    inside: FloatArray,
+    vertices: npt.NDArray[np.int64],
+    normals: FloatArray,
+    offsets: FloatArray,
+    areas: FloatArray,
+    count: int,
+    table: npt.NDArray[np.int64],
+    owner: npt.NDArray[np.int64],
+    work: FloatArray,
 ) -> int:
     """Replace all facets that see ``point`` by the cone from it to their horizon; return the new facet count.
 
@@ -241,8 +255,14 @@ def _add_point(
 
 @njit(cache=True)
 def _start(
-    points: FloatArray, simplex: npt.NDArray[np.int64], inside: FloatArray, vertices: npt.NDArray[np.int64],
-    normals: FloatArray, offsets: FloatArray, areas: FloatArray, work: FloatArray,
+    points: FloatArray,
+    simplex: npt.NDArray[np.int64],
+    inside: FloatArray,
+    vertices: npt.NDArray[np.int64],
+    normals: FloatArray,
+    offsets: FloatArray,
+    areas: FloatArray,
+    work: FloatArray,
 ) -> bool:
     """Write the d + 1 facets of the initial simplex; False if one is degenerate."""
     d = points.shape[1]
@@ -347,8 +367,14 @@ def _volume(points: FloatArray, capacity: int) -> tuple[float, int]:
 
 @njit(cache=True)
 def _cone_volume(
-    points: FloatArray, point: int, inside: FloatArray, normals: FloatArray, offsets: FloatArray,
-    areas: FloatArray, count: int, whole: bool,
+    points: FloatArray,
+    point: int,
+    inside: FloatArray,
+    normals: FloatArray,
+    offsets: FloatArray,
+    areas: FloatArray,
+    count: int,
+    whole: bool,
 ) -> float:
     """Return the volume between a point and the facets that see it, or of the whole polytope about ``inside``."""
     d = points.shape[1]

@@ -104,7 +104,9 @@ class PoseSpace:
         first = np.array([roll, pitch, yaw])
         # Every rotation has a second set of angles; the one nearer to the middle of the box is meant.
         second = np.array([roll + np.pi, np.pi - pitch, yaw + np.pi])
-        candidates = [middle + (angles - middle + np.pi) % (2.0 * np.pi) - np.pi for angles in (first, second)]
+        candidates = [
+            middle + (angles - middle + np.pi) % (2.0 * np.pi) - np.pi for angles in (first, second)
+        ]
         return min(candidates, key=lambda angles: float(np.abs(angles - middle).sum()))
 
 
@@ -124,7 +126,9 @@ def check_bounds(names: tuple[str, ...], lower: FloatArray, upper: FloatArray) -
         )
     for name, low, high in zip(names, lower, upper, strict=True):
         if not (np.isfinite(low) and np.isfinite(high) and low < high):
-            raise InvalidSettingsError(f"bounds of '{name}' are {low} to {high}; they must be finite and rising")
+            raise InvalidSettingsError(
+                f"bounds of '{name}' are {low} to {high}; they must be finite and rising"
+            )
 
 
 def side_approach_rpy(hand: HandModel) -> FloatArray:
@@ -174,40 +178,54 @@ def finger_reach(hand: HandModel) -> float:
     """Return how far the fingers get from the palm along its normal, metres: the longest chain, bent square."""
     longest = 0.0
     for finger in hand.fingers:
-        length = sum(float(np.linalg.norm(hand.urdf.joint(name).T_parent_joint[:3, 3])) for name in finger.joints[1:])
+        length = sum(
+            float(np.linalg.norm(hand.urdf.joint(name).T_parent_joint[:3, 3])) for name in finger.joints[1:]
+        )
         longest = max(longest, length)
     return longest
 
 
 def position_space(
-    target: TargetObject, hand: HandModel, lower: npt.ArrayLike | None = None, upper: npt.ArrayLike | None = None
+    target: TargetObject,
+    hand: HandModel,
+    lower: npt.ArrayLike | None = None,
+    upper: npt.ArrayLike | None = None,
 ) -> PoseSpace:
     """Return the 3-D space of TCP positions at the fixed orientation of the side approach.
 
     Args:
         target: the object, from whose box the bounds are derived.
         hand: the hand.
-        lower, upper: bounds of x, y, z that override the derived ones, shape (3,), metres.
+        lower: lower bounds of x, y, z that override the derived ones, shape (3,), metres.
+        upper: the same for the upper ones.
 
     Raises:
         InvalidSettingsError: bounds out of order.
     """
     derived_low, derived_high = side_approach_bounds(target, hand)
     return PoseSpace(
-        POSITION_NAMES, ("m",) * 3, derived_low if lower is None else np.asarray(lower, dtype=np.float64),
-        derived_high if upper is None else np.asarray(upper, dtype=np.float64), np.zeros(3), side_approach_rpy(hand),
+        POSITION_NAMES,
+        ("m",) * 3,
+        derived_low if lower is None else np.asarray(lower, dtype=np.float64),
+        derived_high if upper is None else np.asarray(upper, dtype=np.float64),
+        np.zeros(3),
+        side_approach_rpy(hand),
     )
 
 
 def pose_space_6d(
-    target: TargetObject, hand: HandModel, lower: npt.ArrayLike | None = None, upper: npt.ArrayLike | None = None
+    target: TargetObject,
+    hand: HandModel,
+    lower: npt.ArrayLike | None = None,
+    upper: npt.ArrayLike | None = None,
 ) -> PoseSpace:
     """Return the 6-D space of TCP poses around the side approach: x, y, z, roll, pitch, yaw.
 
     Args:
         target: the object, from whose box the bounds are derived.
         hand: the hand.
-        lower, upper: bounds that override the derived ones, shape (6,), metres and radians.
+        lower: lower bounds that override the derived ones, shape (6,), metres and radians.
+        upper: the same for the upper ones.
 
     Raises:
         InvalidSettingsError: bounds out of order.
@@ -216,7 +234,10 @@ def pose_space_6d(
     rpy, span = side_approach_rpy(hand), np.array(DEFAULT_ROTATION_SPAN)
     derived_low, derived_high = np.concatenate([low, rpy - span]), np.concatenate([high, rpy + span])
     return PoseSpace(
-        (*POSITION_NAMES, *ROTATION_NAMES), ("m",) * 3 + ("rad",) * 3,
+        (*POSITION_NAMES, *ROTATION_NAMES),
+        ("m",) * 3 + ("rad",) * 3,
         derived_low if lower is None else np.asarray(lower, dtype=np.float64),
-        derived_high if upper is None else np.asarray(upper, dtype=np.float64), np.zeros(3), rpy,
+        derived_high if upper is None else np.asarray(upper, dtype=np.float64),
+        np.zeros(3),
+        rpy,
     )

@@ -28,7 +28,9 @@ def torque_length(target: TargetObject, settings: TrialSettings) -> float:
     return settings.torque_length or target.longest_side / 2.0
 
 
-def measure(contacts: tuple[GraspContact, ...], target: TargetObject, settings: TrialSettings) -> GraspMetrics:
+def measure(
+    contacts: tuple[GraspContact, ...], target: TargetObject, settings: TrialSettings
+) -> GraspMetrics:
     """Compute the metrics of a set of contacts on an object."""
     positions = np.array([contact.position for contact in contacts])
     normals = np.array([contact.normal for contact in contacts])
@@ -42,7 +44,9 @@ def measure(contacts: tuple[GraspContact, ...], target: TargetObject, settings: 
     volume = wrench_space.volume(wrenches) if wanted else 0.0
     isotropy = wrench_space.isotropy(positions, normals, target.center_of_mass, length)
     values = {
-        "epsilon": epsilon, "volume": volume, "isotropy": isotropy,
+        "epsilon": epsilon,
+        "volume": volume,
+        "isotropy": isotropy,
         "force_closure_epsilon": epsilon if closed else 0.0,
     }
     return GraspMetrics(values[settings.quality], epsilon, volume, isotropy, closed)

@@ -23,14 +23,26 @@ OUTLINE_SHADE = 0.45
 
 @njit(cache=True)
 def _fill(
-    points: FloatArray, normals: FloatArray, faces: IntArray, colors: FloatArray, depth: FloatArray,
-    normal_map: FloatArray, color_map: FloatArray,
+    points: FloatArray,
+    normals: FloatArray,
+    faces: IntArray,
+    colors: FloatArray,
+    depth: FloatArray,
+    normal_map: FloatArray,
+    color_map: FloatArray,
 ) -> None:
     """Write nearest depth, normal and colour of every pixel; points are (column, row, distance)."""
     height, width = depth.shape
     for f in range(faces.shape[0]):
         i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
-        ax, ay, bx, by, cx, cy = points[i, 0], points[i, 1], points[j, 0], points[j, 1], points[k, 0], points[k, 1]
+        ax, ay, bx, by, cx, cy = (
+            points[i, 0],
+            points[i, 1],
+            points[j, 0],
+            points[j, 1],
+            points[k, 0],
+            points[k, 1],
+        )
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
         if abs(area) < 1e-12:
             continue
@@ -76,13 +88,20 @@ def shade(depth: FloatArray, normal_map: FloatArray, color_map: FloatArray) -> F
 
 
 def render(
-    vertices: FloatArray, normals: FloatArray, faces: IntArray, colors: FloatArray, T_world_camera: FloatArray,
-    field_of_view: float, pixels: int, oversampling: int = 2,
+    vertices: FloatArray,
+    normals: FloatArray,
+    faces: IntArray,
+    colors: FloatArray,
+    T_world_camera: FloatArray,
+    field_of_view: float,
+    pixels: int,
+    oversampling: int = 2,
 ) -> Image:
     """Render triangles into a square picture, shape (pixels, pixels, 3).
 
     Args:
-        vertices, normals: (n, 3) world coordinates.
+        vertices: (n, 3) world coordinates.
+        normals: (n, 3) unit normals at the vertices, world coordinates.
         faces: (m, 3) vertex indices.
         colors: (m, 3) in [0, 1].
         T_world_camera: (4, 4) camera pose: x right, y up, looking along -z.
@@ -92,10 +111,20 @@ def render(
     """
     size = pixels * oversampling
     distance = (T_world_camera[:3, 3] - vertices) @ T_world_camera[:3, 2]
-    points = np.column_stack([project(vertices, T_world_camera, field_of_view, size), np.maximum(distance, 1e-6)])
+    points = np.column_stack(
+        [project(vertices, T_world_camera, field_of_view, size), np.maximum(distance, 1e-6)]
+    )
     depth = np.full((size, size), np.inf)
     normal_map, color_map = np.zeros((size, size, 3)), np.ones((size, size, 3))
-    _fill(points, normals @ T_world_camera[:3, :3], np.ascontiguousarray(faces), colors, depth, normal_map, color_map)
+    _fill(
+        points,
+        normals @ T_world_camera[:3, :3],
+        np.ascontiguousarray(faces),
+        colors,
+        depth,
+        normal_map,
+        color_map,
+    )
     picture = shade(depth, normal_map, color_map)
     blocks = picture.reshape(pixels, oversampling, pixels, oversampling, 3).mean(axis=(1, 3))
     return np.rint(blocks * 255.0).astype(np.uint8)

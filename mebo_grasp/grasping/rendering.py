@@ -25,8 +25,14 @@ Color = tuple[float, float, float]
 OBJECT_COLOR: Color = (0.86, 0.83, 0.76)
 CONTACT_COLOR: Color = (0.90, 0.05, 0.05)
 HAND_COLORS: tuple[Color, ...] = (
-    (0.22, 0.49, 0.72), (0.95, 0.55, 0.15), (0.30, 0.64, 0.32), (0.60, 0.40, 0.70),
-    (0.62, 0.42, 0.34), (0.90, 0.50, 0.74), (0.72, 0.70, 0.20), (0.20, 0.70, 0.76),
+    (0.22, 0.49, 0.72),
+    (0.95, 0.55, 0.15),
+    (0.30, 0.64, 0.32),
+    (0.60, 0.40, 0.70),
+    (0.62, 0.42, 0.34),
+    (0.90, 0.50, 0.74),
+    (0.72, 0.70, 0.20),
+    (0.20, 0.70, 0.76),
 )
 PANEL_PIXELS = 460
 PANEL_INCHES = 3.4
@@ -69,7 +75,9 @@ class Triangles:
         middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
         T = look_at(middle + direction / np.linalg.norm(direction), middle)
         local = (points - middle) @ T[:3, :3]
-        middle = middle + T[:3, :3] @ np.append((local[:, :2].min(axis=0) + local[:, :2].max(axis=0)) / 2.0, 0.0)
+        middle = middle + T[:3, :3] @ np.append(
+            (local[:, :2].min(axis=0) + local[:, :2].max(axis=0)) / 2.0, 0.0
+        )
         local = (points - middle) @ T[:3, :3]
         # A point is in the picture if its sideways offset is below tan(half angle) times its distance.
         spread = np.abs(local[:, :2]).max(axis=1) / (np.tan(FIELD_OF_VIEW / 2.0) * FILLED_SHARE)
@@ -78,8 +86,13 @@ class Triangles:
     def picture(self, camera: FloatArray, pixels: int) -> Image:
         """Render the scene as seen by a camera, shape (pixels, pixels, 3)."""
         return render(
-            self.points(), np.vstack(self._normals), np.vstack(self._faces), np.vstack(self._colors), camera,
-            FIELD_OF_VIEW, pixels,
+            self.points(),
+            np.vstack(self._normals),
+            np.vstack(self._faces),
+            np.vstack(self._colors),
+            camera,
+            FIELD_OF_VIEW,
+            pixels,
         )
 
 
@@ -134,8 +147,13 @@ def view_direction(hand: HandModel, grasp: Grasp) -> FloatArray:
 
 
 def draw_panel(
-    title: str, target: TargetObject, hand: HandModel, grasps: Sequence[Grasp], colors: Sequence[Color],
-    direction: FloatArray, pixels: int = PANEL_PIXELS,
+    title: str,
+    target: TargetObject,
+    hand: HandModel,
+    grasps: Sequence[Grasp],
+    colors: Sequence[Color],
+    direction: FloatArray,
+    pixels: int = PANEL_PIXELS,
 ) -> Panel:
     """Render an object with some hands, seen from a direction."""
     scene = Triangles()
@@ -155,9 +173,7 @@ def caption(number: int, grasp: Grasp) -> str:
     return f"{number}: quality {grasp.quality:.3f}, {len(grasp.contacts)} contacts"
 
 
-def render_grasps(
-    target: TargetObject, hand: HandModel, grasps: Sequence[Grasp], path: str | Path
-) -> None:
+def render_grasps(target: TargetObject, hand: HandModel, grasps: Sequence[Grasp], path: str | Path) -> None:
     """Write a picture: all grasps together, then one panel a grasp (at most ``MOST_PANELS``), best first.
 
     Args:
@@ -190,6 +206,8 @@ def _compose(panels: Sequence[Panel], path: str | Path) -> None:
     for axis, panel in zip(axes.flat, panels, strict=False):
         axis.imshow(panel.image, interpolation="lanczos")
         # Contacts lie between finger and object, so they are marked on top of both.
-        axis.scatter(*panel.contacts.T, s=14, c=[CONTACT_COLOR], edgecolors="white", linewidths=0.6, alpha=0.9)
+        axis.scatter(
+            *panel.contacts.T, s=14, c=[CONTACT_COLOR], edgecolors="white", linewidths=0.6, alpha=0.9
+        )
         axis.set_title(panel.title, fontsize=11)
     figure.savefig(str(path), dpi=140)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import numpy.typing as npt
 import trimesh
@@ -54,7 +56,7 @@ def _mesh_spheres(vertices: FloatArray) -> tuple[FloatArray, FloatArray]:
     heights = vertices @ axis
     cuts = np.linspace(heights.min(), heights.max(), SLICES_OF_MESH + 1)
     centers, radii = [], []
-    for low, high in zip(cuts[:-1], cuts[1:], strict=True):
+    for low, high in pairwise(cuts):
         piece = trimesh.intersections.slice_mesh_plane(hull, axis, axis * low)
         piece = trimesh.intersections.slice_mesh_plane(piece, -axis, axis * high)
         points = np.asarray(piece.vertices)

@@ -158,7 +158,9 @@ class TargetObject:
 def check_scale(scale: float) -> None:
     """Refuse a scale that is not a positive finite number."""
     if not (np.isfinite(scale) and scale > 0.0):
-        raise InvalidObjectError(f"scale {scale} must be a positive finite number (1 for metres, 0.001 for mm)")
+        raise InvalidObjectError(
+            f"scale {scale} must be a positive finite number (1 for metres, 0.001 for mm)"
+        )
 
 
 def load_mesh(path: Path) -> trimesh.Trimesh:
@@ -169,7 +171,9 @@ def load_mesh(path: Path) -> trimesh.Trimesh:
             f"or a built-in object ({', '.join(BUILTIN_OBJECTS)})"
         )
     if path.suffix.lower() not in MESH_SUFFIXES:
-        raise InvalidObjectError(f"'{path.name}' is of no known mesh type; use one of {', '.join(MESH_SUFFIXES)}")
+        raise InvalidObjectError(
+            f"'{path.name}' is of no known mesh type; use one of {', '.join(MESH_SUFFIXES)}"
+        )
     try:
         scene = trimesh.load_scene(str(path), process=False)
         mesh = scene.to_mesh()

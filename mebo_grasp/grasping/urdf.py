@@ -146,7 +146,9 @@ def _origin(element: ElementTree.Element) -> FloatArray:
 def _joint(element: ElementTree.Element) -> UrdfJoint:
     name, kind = _attribute(element, "name"), _attribute(element, "type")
     if kind not in (*MOVABLE, "fixed"):
-        raise ValueError(f"joint '{name}' is of type '{kind}'; only revolute, continuous and fixed ones are known")
+        raise ValueError(
+            f"joint '{name}' is of type '{kind}'; only revolute, continuous and fixed ones are known"
+        )
     parent, child = element.find("parent"), element.find("child")
     if parent is None or child is None:
         raise ValueError(f"joint '{name}' lacks its parent or child")
@@ -163,8 +165,14 @@ def _joint(element: ElementTree.Element) -> UrdfJoint:
     if not lower <= upper:
         raise ValueError(f"joint '{name}' has lower limit {lower} above upper limit {upper}")
     return UrdfJoint(
-        name, kind in MOVABLE, _attribute(parent, "link"), _attribute(child, "link"), _origin(element),
-        axis / norm, lower, upper,
+        name,
+        kind in MOVABLE,
+        _attribute(parent, "link"),
+        _attribute(child, "link"),
+        _origin(element),
+        axis / norm,
+        lower,
+        upper,
     )
 
 

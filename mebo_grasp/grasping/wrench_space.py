@@ -36,7 +36,10 @@ def cone_edges(normals: FloatArray, friction: float, edges: int) -> FloatArray:
         raise InvalidSettingsError(f"a friction pyramid needs at least 3 edges, got {edges}")
     tangents, bitangents = _tangents(normals)
     angles = 2.0 * np.pi * np.arange(edges) / edges
-    rim = np.cos(angles)[None, :, None] * tangents[:, None, :] + np.sin(angles)[None, :, None] * bitangents[:, None, :]
+    rim = (
+        np.cos(angles)[None, :, None] * tangents[:, None, :]
+        + np.sin(angles)[None, :, None] * bitangents[:, None, :]
+    )
     directions: FloatArray = (normals[:, None, :] + friction * rim) / np.sqrt(1.0 + friction * friction)
     return directions
 
@@ -99,7 +102,9 @@ def force_closure(epsilon_value: float) -> bool:
     return epsilon_value > FORCE_CLOSURE_EPSILON
 
 
-def isotropy(positions: npt.ArrayLike, normals: npt.ArrayLike, center: npt.ArrayLike, torque_length: float) -> float:
+def isotropy(
+    positions: npt.ArrayLike, normals: npt.ArrayLike, center: npt.ArrayLike, torque_length: float
+) -> float:
     """Return the grasp isotropy index: smallest over largest singular value of the grasp matrix (thesis 2.2.1).
 
     The grasp matrix of hard contacts with friction maps the three force components of every contact to the
