@@ -12,6 +12,7 @@ import trimesh
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import Grasp, GraspOutcome
 from mebo_grasp.grasping.hand_model import HandModel, PlacedShape
 from mebo_grasp.grasping.rasterizer import look_at, project, render
@@ -38,7 +39,6 @@ PANEL_PIXELS = 460
 PANEL_INCHES = 3.4
 FIELD_OF_VIEW = np.radians(24.0)
 FILLED_SHARE = 0.94
-DEFAULT_DIRECTION = np.array([0.9, -0.25, 0.55])
 SMOOTH_ANGLE = np.radians(28.0)
 MOST_PANELS = 8
 ARC_SECTIONS = 24
@@ -179,16 +179,22 @@ def render_grasps(target: TargetObject, hand: HandModel, grasps: Sequence[Grasp]
     Args:
         target: the object.
         hand: the hand of all grasps.
-        grasps: grasps with their final postures; may be empty, then the object is drawn alone.
-        path: file to write; its suffix says the format (png).
+        grasps: grasps with their final postures, at least one.
+        path: file to write; its suffix says the format (png). Folders that do not exist are made.
+
+    Raises:
+        InvalidSettingsError: there is no grasp to draw.
     """
+    if not grasps:
+        raise InvalidSettingsError(
+            f"no grasp of '{target.object_id}' to draw for '{path}'; give at least one"
+        )
     shown = list(grasps)[:MOST_PANELS]
     colors = [HAND_COLORS[i % len(HAND_COLORS)] for i in range(len(shown))]
     panels: list[Panel] = []
     if len(shown) != 1:
-        title = f"{target.object_id}: {len(shown)} grasps" if shown else target.object_id
-        direction = view_direction(hand, shown[0]) if shown else DEFAULT_DIRECTION
-        panels.append(draw_panel(title, target, hand, shown, colors, direction))
+        title = f"{target.object_id}: {len(shown)} grasps"
+        panels.append(draw_panel(title, target, hand, shown, colors, view_direction(hand, shown[0])))
     for number, (grasp, color) in enumerate(zip(shown, colors, strict=True), start=1):
         title = caption(number, grasp)
         panels.append(draw_panel(title, target, hand, [grasp], [color], view_direction(hand, grasp)))
@@ -210,4 +216,5 @@ def _compose(panels: Sequence[Panel], path: str | Path) -> None:
             *panel.contacts.T, s=14, c=[CONTACT_COLOR], edgecolors="white", linewidths=0.6, alpha=0.9
         )
         axis.set_title(panel.title, fontsize=11)
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(str(path), dpi=140)
