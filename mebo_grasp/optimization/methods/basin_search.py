@@ -34,9 +34,10 @@ from mebo_grasp.optimization.selection import basins
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
 from mebo_grasp.optimization.surrogate.structure import Mixture, StructuredSurrogate
 
-NET_SIZE = 2048
+NET_SIZE, NET_SIZE_ABOVE_2D = 2048, 1024
 LEVEL_NET_SIZE = 512
-MAX_CANDIDATES = 128
+MAX_CANDIDATES, MAX_CANDIDATES_ABOVE_2D = 128, 32
+"""Above two dimensions no net resolves all basins, and more points cost more than they find."""
 TOP_SHARE = 0.05
 """A basin reaches the top if it comes within this share of the spread (best minus median) of the best."""
 NEIGHBOURS = 8
@@ -211,13 +212,16 @@ class BasinSearch(MethodBase):
 def find_candidates(posterior: GaussianProcess, level: Level, rng: np.random.Generator) -> FloatArray:
     """Local maxima of mean plus standard deviation, of the mean, and of the margin, shape (m, d)."""
     coordinates = basins.Coordinates(posterior)
-    net = np.concatenate([basins.search_net(posterior, NET_SIZE, rng), posterior.U])
+    planar = posterior.dim <= 2
+    size = NET_SIZE if planar else NET_SIZE_ABOVE_2D
+    limit = MAX_CANDIDATES if planar else MAX_CANDIDATES_ABOVE_2D
+    net = np.concatenate([basins.search_net(posterior, size, rng), posterior.U])
     where = coordinates(net)
     mean, sd = posterior.predict(net)
     neighbours = 2 * posterior.dim + 2
-    hopeful = basins.neighbourhood_maxima(mean + sd, where, neighbours)[:MAX_CANDIDATES]
-    peaks = basins.neighbourhood_maxima(mean, where, neighbours)[:MAX_CANDIDATES]
-    improbable = basins.neighbourhood_maxima((mean - level.top) / sd, where, neighbours)[:MAX_CANDIDATES]
+    hopeful = basins.neighbourhood_maxima(mean + sd, where, neighbours)[:limit]
+    peaks = basins.neighbourhood_maxima(mean, where, neighbours)[:limit]
+    improbable = basins.neighbourhood_maxima((mean - level.top) / sd, where, neighbours)[:limit]
     scales = np.minimum(np.ptp(net, axis=0) / np.maximum(np.ptp(where, axis=0), 1e-9), 1.0)
     points = np.concatenate(
         [
