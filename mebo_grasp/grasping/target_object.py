@@ -62,7 +62,7 @@ class TargetObject:
                 f"unknown object '{name}'; the built-in ones are {', '.join(BUILTIN_OBJECTS)}, "
                 f"or give a mesh file ({', '.join(MESH_SUFFIXES)})"
             )
-        check_scale(scale)
+        check_scale(scale, name)
         shape: Shape = BUILDERS[name]()
         mesh = shape.mesh.copy()
         mesh.apply_scale(scale)
@@ -76,15 +76,18 @@ class TargetObject:
         Raises:
             InvalidObjectError: the file is missing or unreadable, or the mesh is unsound.
         """
-        check_scale(scale)
-        mesh = load_mesh(Path(path))
         name = object_id or Path(path).stem
-        check_finite(mesh, name)
-        mesh.merge_vertices()
-        mesh.update_faces(mesh.nondegenerate_faces())
-        mesh.remove_unreferenced_vertices()
-        mesh.apply_scale(scale)
-        return cls.from_mesh(mesh, name)
+        check_scale(scale, str(path))
+        mesh = load_mesh(Path(path))
+        try:
+            check_finite(mesh, name)
+            mesh.merge_vertices()
+            mesh.update_faces(mesh.nondegenerate_faces())
+            mesh.remove_unreferenced_vertices()
+            mesh.apply_scale(scale)
+            return cls.from_mesh(mesh, name)
+        except InvalidObjectError as error:
+            raise InvalidObjectError(f"mesh file '{path}': {error}") from error
 
     @classmethod
     def from_mesh(cls, mesh: trimesh.Trimesh, object_id: str) -> TargetObject:
@@ -155,11 +158,11 @@ class TargetObject:
         return np.array(self.mesh.triangles.reshape(-1, 3).mean(axis=0), dtype=np.float64)
 
 
-def check_scale(scale: float) -> None:
+def check_scale(scale: float, name: str) -> None:
     """Refuse a scale that is not a positive finite number."""
     if not (np.isfinite(scale) and scale > 0.0):
         raise InvalidObjectError(
-            f"scale {scale} must be a positive finite number (1 for metres, 0.001 for mm)"
+            f"scale {scale} of '{name}' must be a positive finite number (1 for metres, 0.001 for mm)"
         )
 
 

@@ -28,6 +28,8 @@ AWKWARD_NORMALS = (
     (0.0, -1.0, 0.0),
     (1e-7, 0.0, -1.0),
     (1e-5, -2e-5, -1.0),
+    (3e-9, 1e-9, -1.0),
+    (1e-13, 1e-13, -1.0),
     (0.6, -0.48, 0.64),
 )
 
@@ -141,7 +143,8 @@ def test_three_contacts_round_a_sphere_hold_it_with_friction_and_not_without() -
 
 def test_one_contact_and_none_have_no_wrench_space() -> None:
     for count in (0, 1):
-        wrenches = contact_wrenches(np.ones((count, 3)), np.zeros((count, 3)) + ORIGIN + [0, 0, 1], 0.5, 8, ORIGIN, 1.0)
+        normals = np.tile([0.0, 0.0, 1.0], (count, 1))
+        wrenches = contact_wrenches(np.ones((count, 3)), normals, 0.5, 8, ORIGIN, 1.0)
         assert wrenches.shape == (8 * count, 6)
         assert (epsilon(wrenches), volume(wrenches)) == (0.0, 0.0)
 
@@ -149,9 +152,17 @@ def test_one_contact_and_none_have_no_wrench_space() -> None:
 def test_contacts_all_on_one_side_do_not_hold() -> None:
     rng = np.random.default_rng(3)
     positions = np.column_stack([rng.uniform(-1, 1, (6, 2)), np.full(6, -1.0)])
-    wrenches = contact_wrenches(positions, np.tile([0.0, 0.0, 1.0], (6, 1)), 0.5, 8, ORIGIN, 1.0)
+    normals = unit(np.array([0.0, 0.0, 1.0]) + rng.uniform(-0.2, 0.2, (6, 3)))
+    wrenches = contact_wrenches(positions, normals, 0.5, 8, ORIGIN, 1.0)
     assert epsilon(wrenches) == 0.0
     assert volume(wrenches) > 0.0
+
+
+def test_parallel_normals_leave_the_hull_flat() -> None:
+    """All edges then have the same force along the normal: five dimensions at most."""
+    positions = np.random.default_rng(3).uniform(-1.0, 1.0, (6, 3))
+    wrenches = contact_wrenches(positions, np.tile([0.0, 0.0, 1.0], (6, 1)), 0.5, 8, ORIGIN, 1.0)
+    assert (epsilon(wrenches), volume(wrenches)) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("friction", [0.05, 0.5, 1.0, 10.0])
@@ -206,8 +217,15 @@ def test_a_torque_length_out_of_range_is_refused(length: float) -> None:
         contact_wrenches([[0.0, 0.0, 1.0]], [[0.0, 0.0, -1.0]], 0.5, 8, ORIGIN, length)
 
 
-def test_points_that_are_not_numbers_hold_nothing() -> None:
-    points = np.vstack([np.eye(6), -np.eye(6)])
-    points[4, 2] = np.nan
-    assert epsilon(points) == 0.0
-    assert volume(points) == 0.0
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_contacts_that_are_not_finite_are_refused(bad: float) -> None:
+    with pytest.raises(InvalidSettingsError, match="finite"):
+        contact_wrenches([[0.0, bad, 1.0]], [[0.0, 0.0, -1.0]], 0.5, 8, ORIGIN, 1.0)
+    with pytest.raises(InvalidSettingsError, match="finite"):
+        contact_wrenches([[0.0, 0.0, 1.0]], [[0.0, bad, -1.0]], 0.5, 8, ORIGIN, 1.0)
+
+
+@pytest.mark.parametrize(("points", "normals"), [(1, 2), (2, 1), (3, 0)])
+def test_contacts_need_one_normal_each(points: int, normals: int) -> None:
+    with pytest.raises(InvalidSettingsError, match="one normal each"):
+        contact_wrenches(np.ones((points, 3)), np.tile([0.0, 0.0, 1.0], (normals, 1)), 0.5, 8, ORIGIN, 1.0)
