@@ -12,6 +12,7 @@ import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from threadpoolctl import threadpool_limits
 
 from mebo_grasp.errors import MeboGraspError
 
@@ -79,6 +80,9 @@ def run_node(make_node: Callable[[], Node]) -> None:
     Ends with exit code 0 after SIGINT, SIGTERM or a shutdown of the context, and with
     ``EXIT_BAD_SETTINGS`` and one clear line when the node refuses its parameters.
     """
+    # Matrices here are small: threads of the linear algebra cost more than they bring, above all beside
+    # other nodes on the same cores.
+    threadpool_limits(1)
     # rclpy itself ends spin() at SIGINT and SIGTERM. Python's KeyboardInterrupt on top of it could come
     # at any later point, in the middle of closing a database too.
     signal.signal(signal.SIGINT, lambda _number, _frame: None)
