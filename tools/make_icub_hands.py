@@ -248,12 +248,12 @@ fingers:                             # joints close in this order, all at the sa
 # The nine degrees of freedom of the real hand: joint = sum of coefficient * motor (iKin; pinky moves ring and little).
 motor_limits:
   abduction: [0, 1.0472]
-  thumb_opposition: [0.1745, 1.5708]
-  thumb_proximal: [0, 1.5708]
+  thumb_opposition: [0.1745, 1.5707963]
+  thumb_proximal: [0, 1.5707963]
   thumb_distal: [0, 2.9671]
-  index_proximal: [0, 1.5708]
+  index_proximal: [0, 1.5707963]
   index_distal: [0, 2.9671]
-  middle_proximal: [0, 1.5708]
+  middle_proximal: [0, 1.5707963]
   middle_distal: [0, 2.9671]
   pinky: [0, 4.3633]
 couplings:

@@ -108,8 +108,7 @@ def _description(data: dict[str, Any], path: Path) -> HandDescription:
         fingers=_fingers(data["fingers"]),
         preshape={str(joint): _finite(value, joint) for joint, value in (data.get("preshape") or {}).items()},
         motor_limits={
-            str(motor): (_finite(limits[0], motor), _finite(limits[1], motor))
-            for motor, limits in (data.get("motor_limits") or {}).items()
+            str(motor): _limits(limits, motor) for motor, limits in (data.get("motor_limits") or {}).items()
         },
         couplings={
             str(joint): {str(motor): _finite(value, motor) for motor, value in row.items()}
@@ -136,6 +135,15 @@ def _finite(value: Any, what: Any) -> float:
     if not np.isfinite(number):
         raise ValueError(f"'{what}' must be finite, got {value}")
     return number
+
+
+def _limits(values: Any, motor: Any) -> tuple[float, float]:
+    if len(values) != 2:
+        raise ValueError(f"the limits of motor '{motor}' need two numbers, got {values}")
+    lower, upper = _finite(values[0], motor), _finite(values[1], motor)
+    if lower > upper:
+        raise ValueError(f"motor '{motor}' has lower limit {lower} above upper limit {upper}")
+    return lower, upper
 
 
 def _vector(values: Any, what: str) -> tuple[float, float, float]:

@@ -167,15 +167,28 @@ class HandModel:
     def joints_from_motors(self, motors: Mapping[str, float]) -> HandPosture:
         """Return the posture that motor values give through the couplings; other joints keep the preshape.
 
+        A motor that no joint is coupled to (abduction: the iCub models keep their fingers side by side) moves
+        nothing.
+
+        Args:
+            motors: motor name to value, radians.
+
         Raises:
-            InvalidHandError: an unknown motor.
+            InvalidHandError: an unknown motor, or a value out of its limits.
         """
-        known = {motor for row in self.couplings.values() for motor in row}
+        known = {motor for row in self.couplings.values() for motor in row} | set(self.description.motor_limits)
         unknown = sorted(set(motors) - known)
         if unknown:
             raise InvalidHandError(
-                f"hand '{self.name}' has no motor {', '.join(unknown)}; it has {sorted(known)}"
+                f"hand '{self.name}' has no motor {', '.join(unknown)}; it has {', '.join(sorted(known))}"
             )
+        for motor, value in motors.items():
+            lower, upper = self.description.motor_limits.get(motor, (-np.inf, np.inf))
+            if not lower - 1e-9 <= value <= upper + 1e-9:
+                raise InvalidHandError(
+                    f"hand '{self.name}': motor '{motor}' is at {value:.4g} rad, its limits are "
+                    f"{lower:.4g} to {upper:.4g}"
+                )
         joints = {
             joint: sum(coefficient * motors[motor] for motor, coefficient in row.items())
             for joint, row in self.couplings.items()
@@ -232,4 +245,27 @@ def _check_preshape(description: HandDescription, urdf: Urdf) -> None:
             raise InvalidHandError(
                 f"hand '{description.name}': preshape of '{joint}' is {value:.4g} rad, its limits are "
                 f"{limits.lower:.4g} to {limits.upper:.4g}"
+            )
+    check_couplings(description, urdf)
+
+
+def check_couplings(description: HandDescription, urdf: Urdf) -> None:
+    """Check that every coupled joint stays within its limits while its motors stay within theirs.
+
+    Joints with a motor that has no limits are left alone.
+
+    Raises:
+        InvalidHandError: a joint that its motors can drive beyond its own limits.
+    """
+    motors = description.motor_limits
+    for joint, row in description.couplings.items():
+        if not row or any(motor not in motors for motor in row):
+            continue
+        ends = np.array([np.multiply(coefficient, motors[motor]) for motor, coefficient in row.items()])
+        lowest, highest = float(ends.min(axis=1).sum()), float(ends.max(axis=1).sum())
+        limits = urdf.joint(joint)
+        if lowest < limits.lower - 1e-6 or highest > limits.upper + 1e-6:
+            raise InvalidHandError(
+                f"hand '{description.name}': the motors of '{joint}' drive it from {lowest:.4g} to "
+                f"{highest:.4g} rad, its limits are {limits.lower:.4g} to {limits.upper:.4g}"
             )
