@@ -48,8 +48,13 @@ def _tangents(normals: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return two unit vectors that complete each normal: the images of x and y under the shortest turn from z."""
     x, y, z = normals.T
     # Turning z onto n by the shortest way; for n = -z any half turn will do, here the one about x.
-    below = z < -1.0 + 1e-12
-    k = np.where(below, 0.0, 1.0 / np.where(below, 1.0, 1.0 + z))
+    # 1 / (1 + z) loses all its digits near z = -1; with x^2 + y^2 = (1 + z) (1 - z) it keeps them.
+    across = x * x + y * y
+    below = (z < 0.0) & (across < 1e-24)
+    k = np.where(
+        z < 0.0, (1.0 - z) / np.where(below, 1.0, np.maximum(across, 1e-24)), 1.0 / (1.0 + np.abs(z))
+    )
+    k[below] = 0.0
     tangents = np.column_stack([1.0 - k * x * x, -k * x * y, -x])
     bitangents = np.column_stack([-k * x * y, 1.0 - k * y * y, -y])
     tangents[below] = (1.0, 0.0, 0.0)
@@ -76,12 +81,17 @@ def contact_wrenches(
         torque_length: metres by which torques are divided.
 
     Raises:
-        InvalidSettingsError: friction, edges or torque length out of range.
+        InvalidSettingsError: friction, edges or torque length out of range, or contacts that are not finite or
+            do not have one normal each.
     """
     if not (np.isfinite(torque_length) and torque_length > 0.0):
         raise InvalidSettingsError(f"torque length {torque_length} must be a positive number of metres")
     p = np.asarray(positions, dtype=np.float64).reshape(-1, 3) - np.asarray(center, dtype=np.float64)
     n = np.asarray(normals, dtype=np.float64).reshape(-1, 3)
+    if p.shape != n.shape or not (np.isfinite(p).all() and np.isfinite(n).all()):
+        raise InvalidSettingsError(
+            f"contacts must be finite, one normal each; got {len(p)} and {len(n)} normals"
+        )
     forces = cone_edges(n, friction, edges)
     torques = np.cross(p[:, None, :], forces) / torque_length
     return np.concatenate([forces, torques], axis=2).reshape(-1, 6)
