@@ -12,7 +12,7 @@ where they cannot is the exact gap asked of the engine.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +20,7 @@ from numba import njit
 
 from mebo_grasp.grasping.distance_field import DistanceField
 from mebo_grasp.grasping.engine import Engine, exact_gap
-from mebo_grasp.grasping.hand_arrays import MOST_JOINTS, HandArrays
+from mebo_grasp.grasping.hand_arrays import MOST_FINGERS, MOST_JOINTS, MOST_SHAPES, HandArrays
 from mebo_grasp.grasping.hand_motion import (
     HandPoses,
     carry_bounds,
@@ -59,56 +59,54 @@ class ClosingRule(NamedTuple):
     whole_finger: bool
 
 
-class ClosingState(NamedTuple):
-    """What changes while a hand closes, besides its poses.
+STATE_TYPE = np.dtype(
+    [
+        ("done", np.int64, (MOST_FINGERS,)),
+        ("halted", np.int64, (MOST_FINGERS,)),
+        ("credit", np.int64, (MOST_FINGERS,)),
+        ("stamp", np.int64, (MOST_FINGERS, MOST_JOINTS)),
+        ("moves", np.int64),
+        ("blocked_by", np.int64, (MOST_FINGERS, MOST_JOINTS)),
+        ("blocked_at", np.int64, (MOST_FINGERS, MOST_JOINTS)),
+        ("gap", np.float64, (MOST_SHAPES,)),
+        ("gap_stamp", np.int64, (MOST_SHAPES,)),
+        ("seen", np.float64, (MOST_SHAPES,)),
+        ("hit", np.int64, (MOST_SHAPES,)),
+        ("nearest", np.int64),
+    ],
+    align=True,
+)
+"""What changes while a hand closes, besides its poses.
 
-    Attributes:
-        done: (F,) whether a finger is done in this pass.
-        halted: (F,) whether a finger is stopped for good (rule ``whole_finger``).
-        credit: (F,) rounds that a finger can close clear of the object.
-        stamp: (F, J) number of moves of the group of joint j, which joints up to j move.
-        moves: (1,) number of moves of all.
-        blocked_by: (F, J) which joint's group holds a joint up by touching the object; -1 none, OTHER_LINK another
-            link.
-        blocked_at: (F, J) stamp of that group (or ``moves``) when it did.
-        gap, gap_stamp: (P,) exact gap of a shape, and the stamp of its group then; -1 never.
-        seen: (P,) exact gap of a shape in the posture last tried, NaN if a bound was enough.
-        hit: (P,) whether the full step now tried brings a shape into the object.
-        nearest: (1,) joint of the innermost group that touches in the posture last tried; -1 none.
-    """
+done: whether a finger is done in this pass
+halted: whether a finger is stopped for good (rule ``whole_finger``)
+credit: rounds that a finger can close clear of the object
+stamp: number of moves of the group of joint j, which joints up to j move
+moves: number of moves of all
+blocked_by: which joint's group holds a joint up by touching the object; -1 none, OTHER_LINK another link
+blocked_at: stamp of that group (or ``moves``) when it did
+gap, gap_stamp: exact gap of a shape, and the stamp of its group then; -1 never
+seen: exact gap of a shape in the posture last tried, NaN if a bound was enough
+hit: whether the full step now tried brings a shape into the object
+nearest: joint of the innermost group that touches in the posture last tried; -1 none
+"""
 
-    done: npt.NDArray[np.bool_]
-    halted: npt.NDArray[np.bool_]
-    credit: IntArray
-    stamp: IntArray
-    moves: IntArray
-    blocked_by: IntArray
-    blocked_at: IntArray
-    gap: FloatArray
-    gap_stamp: IntArray
-    seen: FloatArray
-    hit: npt.NDArray[np.bool_]
-    nearest: IntArray
+ClosingState: TypeAlias = Any
+"""A record of ``STATE_TYPE``."""
 
 
-def new_state(hand: HandArrays) -> ClosingState:
-    """Allocate the state for a hand."""
-    F, J = hand.start.shape
-    P = len(hand.shape_group)
-    return ClosingState(
-        np.zeros(F, np.bool_), np.zeros(F, np.bool_), np.zeros(F, np.int64), np.zeros((F, J), np.int64),
-        np.zeros(1, np.int64), np.zeros((F, J), np.int64), np.zeros((F, J), np.int64), np.zeros(P),
-        np.zeros(P, np.int64), np.zeros(P), np.zeros(P, np.bool_), np.zeros(1, np.int64),
-    )
+def new_state() -> ClosingState:
+    """Allocate the state."""
+    return np.zeros(1, STATE_TYPE)[0]
 
 
 @njit(cache=True)
 def _begin(state: ClosingState) -> None:
-    state.done[:] = False
-    state.halted[:] = False
+    state.done[:] = 0
+    state.halted[:] = 0
     state.credit[:] = 0
     state.stamp[:] = 0
-    state.moves[:] = 0
+    state.moves = 0
     state.blocked_by[:] = -1
     state.gap_stamp[:] = -1
 
@@ -118,12 +116,12 @@ def starts_in_collision(
     hand: HandArrays, field: DistanceField, engine: Engine, poses: HandPoses
 ) -> bool:
     """Whether the hand overlaps the object where it stands; else the gaps of its shapes are bounded."""
-    for shape in range(hand.shape_group.shape[0]):
+    for shape in range(hand.shapes):
         lower, upper = gap_bounds(hand, field, poses.group[hand.shape_group[shape]], shape)
         if upper < 0.0:
             return True
         poses.bound[shape] = lower
-    for shape in range(hand.shape_group.shape[0]):
+    for shape in range(hand.shapes):
         if poses.bound[shape] <= 0.0:
             gap = exact_gap(engine, hand, field, poses.group[hand.shape_group[shape]], shape)
             if gap <= 0.0:
@@ -157,17 +155,18 @@ def _gap_after(
     turn = share * rule.step * hand.speed[f, j]
     try_joint_value(hand, poses, f, j, poses.joints[f, j] + turn)
     to_object = np.inf
-    state.nearest[0] = -1
+    state.nearest = -1
     for i in range(j, hand.joint_count[f]):
         group = f * MOST_JOINTS + i
         for shape in range(hand.group_shapes[group], hand.group_shapes[group + 1]):
-            gap = _gap_of_shape_after(hand, field, engine, rule, poses, state, shape, i, abs(turn) * hand.reach[shape, j])
+            motion = abs(turn) * hand.reach[shape, j]
+            gap = _gap_of_shape_after(hand, field, engine, rule, poses, state, shape, i, motion)
             if share == 1.0:
-                state.hit[shape] = gap <= 0.0
-            if 0.0 < gap <= rule.gap_tolerance and state.hit[shape] and state.nearest[0] < 0:
-                state.nearest[0] = i
+                state.hit[shape] = 1 if gap <= 0.0 else 0
+            if 0.0 < gap <= rule.gap_tolerance and state.hit[shape] == 1 and state.nearest < 0:
+                state.nearest = i
             to_object = min(to_object, gap)
-    return to_object, self_gap_of_finger(hand, poses, f, j, True)
+    return to_object, self_gap_of_finger(hand, poses, f, j, turn)
 
 
 @njit(cache=True)
@@ -213,7 +212,8 @@ def _confirm_gaps(hand: HandArrays, poses: HandPoses, state: ClosingState, f: in
 
 @njit(cache=True)
 def _try_joint(
-    hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses, state: ClosingState, f: int, j: int
+    hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses,
+    state: ClosingState, f: int, j: int,
 ) -> tuple[int, float, int]:
     """Find how far a joint can go in one step.
 
@@ -229,7 +229,7 @@ def _try_joint(
     low, high, high_weight = 0.0, 1.0, min(to_object, to_hand)
     to_object, to_hand = _gap_after(hand, field, engine, rule, poses, state, f, j, 0.0)
     low_gap = min(to_object, to_hand)
-    low_weight, holding = low_gap, state.nearest[0]
+    low_weight, holding = low_gap, state.nearest
     _keep_gaps(hand, state, f, j)
     for _ in range(MOST_SEARCH_STEPS):
         if low_gap <= rule.gap_tolerance:
@@ -243,7 +243,7 @@ def _try_joint(
         gap = min(to_object, to_hand)
         if gap > 0.0:
             low, low_gap, low_weight, high_weight = share, gap, gap, 0.5 * high_weight
-            holding = state.nearest[0]
+            holding = state.nearest
             _keep_gaps(hand, state, f, j)
         else:
             high, high_weight, low_weight = share, gap, max(0.5 * low_weight, rule.gap_tolerance)
@@ -276,7 +276,7 @@ def _at_limit(hand: HandArrays, rule: ClosingRule, poses: HandPoses, f: int, j: 
 @njit(cache=True)
 def _stamp_move(state: ClosingState, f: int, j: int) -> None:
     state.stamp[f, j:] += 1
-    state.moves[0] += 1
+    state.moves += 1
 
 
 @njit(cache=True)
@@ -295,13 +295,13 @@ def _glide(hand: HandArrays, rule: ClosingRule, poses: HandPoses, state: Closing
             moved = True
     if not moved:
         return BLOCKED
+    for j in range(hand.joint_count[f]):
+        carry_bounds(hand, poses, f, j, poses.joints[f, j] - before[j])
     place_finger(hand, poses, f, 0)
-    if self_gap_of_finger(hand, poses, f, 0, False) <= 0.0:
+    if self_gap_of_finger(hand, poses, f, 0, 0.0) <= 0.0:
         poses.joints[f] = before
         place_finger(hand, poses, f, 0)
         return TOUCHES
-    for j in range(hand.joint_count[f]):
-        carry_bounds(hand, poses, f, j, poses.joints[f, j] - before[j])
     _stamp_move(state, f, 0)
     return FREE
 
@@ -309,11 +309,11 @@ def _glide(hand: HandArrays, rule: ClosingRule, poses: HandPoses, state: Closing
 @njit(cache=True)
 def _stands(hand: HandArrays, rule: ClosingRule, poses: HandPoses, state: ClosingState, f: int, j: int) -> bool:
     """Whether a joint need not be tried: halted, at its limit, or held up by what has not moved since."""
-    if state.halted[f] or _at_limit(hand, rule, poses, f, j):
+    if state.halted[f] == 1 or _at_limit(hand, rule, poses, f, j):
         return True
     holding = state.blocked_by[f, j]
     if holding == OTHER_LINK:
-        return state.blocked_at[f, j] == state.moves[0]
+        return state.blocked_at[f, j] == state.moves
     return holding >= 0 and state.blocked_at[f, j] == state.stamp[f, holding]
 
 
@@ -335,10 +335,11 @@ def _step_joint(
     _confirm_gaps(hand, poses, state, f, j)
     state.blocked_by[f, j] = holding
     if holding == OTHER_LINK:
-        state.blocked_at[f, j] = state.moves[0]
+        state.blocked_at[f, j] = state.moves
     elif holding >= 0:
         state.blocked_at[f, j] = state.stamp[f, holding]
-    state.halted[f] = rule.whole_finger and outcome == BLOCKED and holding != OTHER_LINK
+    if rule.whole_finger and outcome == BLOCKED and holding != OTHER_LINK:
+        state.halted[f] = 1
     return share > SMALLEST_MOVE
 
 
@@ -348,9 +349,9 @@ def _close_finger_round(
     state: ClosingState, f: int,
 ) -> bool:
     """Close a finger by one round, at once if that is known to be free; return whether anything moved."""
-    if state.credit[f] == 0 and not state.halted[f]:
+    if state.credit[f] == 0 and state.halted[f] == 0:
         state.credit[f] = _free_rounds(hand, field, rule, poses, f)
-    if state.credit[f] > 0 and not state.halted[f]:
+    if state.credit[f] > 0 and state.halted[f] == 0:
         outcome = _glide(hand, rule, poses, state, f)
         state.credit[f] = 0 if outcome == TOUCHES else state.credit[f] - 1
         if outcome != TOUCHES:
@@ -368,18 +369,18 @@ def close_fingers(
 ) -> int:
     """Close a placed hand until a whole pass moves nothing; return the number of rounds."""
     _begin(state)
-    F = hand.joint_count.shape[0]
+    F = hand.fingers
     rounds = 0
     for _ in range(MOST_PASSES):
         pass_moved = False
-        state.done[:] = False
+        state.done[:] = 0
         state.credit[:] = 0
-        while not np.all(state.done) and rounds < MOST_ROUNDS:
+        while np.sum(state.done) < F and rounds < MOST_ROUNDS:
             rounds += 1
             for f in range(F):
                 if not state.done[f]:
                     moved = _close_finger_round(hand, field, engine, rule, poses, state, f)
-                    state.done[f] = not moved
+                    state.done[f] = 0 if moved else 1
                     pass_moved = pass_moved or moved
         if not pass_moved:
             break

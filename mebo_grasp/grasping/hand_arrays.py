@@ -1,12 +1,12 @@
 """A hand flattened into arrays for the compiled closing loop.
 
 Groups are rigid bodies: group ``f * MOST_JOINTS + j`` moves with closing joint j of finger f, group
-``STATIC = F * MOST_JOINTS`` is everything that keeps still while the hand closes (palm, thumb base).
+``fingers * MOST_JOINTS`` is everything that keeps still while the hand closes (palm, thumb base).
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +20,11 @@ from mebo_grasp.grasping.urdf import LinkShape, UrdfJoint
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
+MOST_FINGERS = 6
 MOST_JOINTS = 4
+MOST_GROUPS = MOST_FINGERS * MOST_JOINTS + 1
+MOST_SHAPES = 64
+MOST_SPHERES = 1024
 ROUND, BOX = 0, 1
 FREE_AT_START = 1e-4
 """Pairs of links nearer than this in the preshape are never tested against each other, metres."""
@@ -30,55 +34,62 @@ _Chains = tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatA
 """The first seven attributes of ``HandArrays``."""
 
 
-class HandArrays(NamedTuple):
-    """Chains, shapes and self-collision pairs; see the module's text for groups.
+HAND_TYPE = np.dtype(
+    [
+        ("fingers", np.int64),
+        ("shapes", np.int64),
+        ("joint_count", np.int64, (MOST_FINGERS,)),
+        ("fixed", np.float64, (MOST_FINGERS, MOST_JOINTS, 4, 4)),
+        ("axis", np.float64, (MOST_FINGERS, MOST_JOINTS, 3)),
+        ("speed", np.float64, (MOST_FINGERS, MOST_JOINTS)),
+        ("lower", np.float64, (MOST_FINGERS, MOST_JOINTS)),
+        ("upper", np.float64, (MOST_FINGERS, MOST_JOINTS)),
+        ("start", np.float64, (MOST_FINGERS, MOST_JOINTS)),
+        ("shape_group", np.int64, (MOST_SHAPES,)),
+        ("group_shapes", np.int64, (MOST_GROUPS + 1,)),
+        ("ends", np.float64, (MOST_SHAPES, 2, 3)),
+        ("radius", np.float64, (MOST_SHAPES,)),
+        ("kind", np.int64, (MOST_SHAPES,)),
+        ("box", np.float64, (MOST_SHAPES, 4, 3)),
+        ("ball", np.float64, (MOST_SHAPES,)),
+        ("sphere_start", np.int64, (MOST_SHAPES + 1,)),
+        ("sphere_center", np.float64, (MOST_SPHERES, 3)),
+        ("sphere_radius", np.float64, (MOST_SPHERES,)),
+        ("reach", np.float64, (MOST_SHAPES, MOST_JOINTS)),
+        ("pair_start", np.int64, (MOST_SHAPES + 1,)),
+        ("pair_other", np.int64, (MOST_SHAPES * MOST_SHAPES,)),
+        ("slab_normal", np.float64, (MOST_FINGERS, 3)),
+        ("slab", np.float64, (MOST_FINGERS, 2)),
+    ],
+    align=True,
+)
+"""Chains, shapes and self-collision pairs of a hand; see the module's text for groups.
 
-    Attributes:
-        joint_count: (F,) closing joints of each finger.
-        fixed: (F, J, 4, 4) pose of each joint frame in the frame before it (the first: in the TCP frame).
-        axis: (F, J, 3) unit joint axes.
-        speed: (F, J) relative closing speeds.
-        lower, upper: (F, J) limits, radians.
-        start: (F, J) values in the preshape, radians.
-        shape_group: (P,) group of each shape.
-        group_shapes: (G + 1,) first shape of each group; shapes are sorted by group.
-        ends: (P, 2, 3) capsule axis ends in the group frame; a sphere has both equal; a box its centre twice.
-        radius: (P,) capsule radius; 0 for a box.
-        kind: (P,) ROUND or BOX.
-        box: (P, 4, 3) rotation rows and half sides of a box.
-        sphere_start: (P + 1,) first covering sphere of each shape.
-        sphere_center: (S, 3) group frame.
-        sphere_radius: (S,)
-        reach: (P, J) bound on the distance of a shape's points from the axis of joint j of its finger.
-        ball: (P,) radius of a sphere about the middle of the ends that holds the shape.
-        pair_start: (P + 1,) first of each shape's partners in tests of the hand against itself.
-        pair_other: those partners.
-        slab_normal: (F, 3) common direction of a finger's joint axes, TCP frame.
-        slab: (F, 2) range along it that the finger's shapes never leave; infinite if the axes are not parallel.
-    """
+A record rather than a tuple of arrays: compiled functions then pass one pointer and count no references.
 
-    joint_count: IntArray
-    fixed: FloatArray
-    axis: FloatArray
-    speed: FloatArray
-    lower: FloatArray
-    upper: FloatArray
-    start: FloatArray
-    shape_group: IntArray
-    group_shapes: IntArray
-    ends: FloatArray
-    radius: FloatArray
-    kind: IntArray
-    box: FloatArray
-    sphere_start: IntArray
-    sphere_center: FloatArray
-    sphere_radius: FloatArray
-    reach: FloatArray
-    ball: FloatArray
-    pair_start: IntArray
-    pair_other: IntArray
-    slab_normal: FloatArray
-    slab: FloatArray
+fingers, shapes: how many there are; arrays are as long as the most that are taken
+joint_count: closing joints of each finger
+fixed: pose of each joint frame in the frame before it (the first: in the TCP frame)
+axis: unit joint axes
+speed: relative closing speeds
+lower, upper, start: limits and preshape, radians
+shape_group: group of each shape; shapes are sorted by group
+group_shapes: first shape of each group
+ends: capsule axis ends in the group frame; a sphere has both equal; a box its centre twice
+radius: capsule radius; 0 for a box
+kind: ROUND or BOX
+box: axes of a box in the group frame as rows, then its half sides
+ball: radius of a sphere about the middle of the ends that holds the shape
+sphere_start: first covering sphere of each shape
+sphere_center, sphere_radius: covering spheres, group frame
+reach: bound on the distance of a shape's points from joint j of its finger
+pair_start, pair_other: partners of each shape in tests of the hand against itself, those of the palm last
+slab_normal: common direction of a finger's joint axes, TCP frame
+slab: range along it that the finger's shapes never leave; infinite if the axes are not parallel
+"""
+
+HandArrays: TypeAlias = Any
+"""A record of ``HAND_TYPE``."""
 
 
 class HandLayout(NamedTuple):
@@ -93,46 +104,43 @@ def build_hand_arrays(hand: HandModel, posture: HandPosture) -> tuple[HandArrays
     """Flatten a hand whose joints other than the closing ones stand at ``posture``.
 
     Raises:
-        InvalidHandError: a chain has more than ``MOST_JOINTS`` closing joints, or no shape can collide.
+        InvalidHandError: more fingers, closing joints or shapes than are taken, or no shape that can collide.
     """
     chains = [finger.joints for finger in hand.fingers]
-    longest = max(len(chain) for chain in chains)
-    if longest > MOST_JOINTS:
-        raise InvalidHandError(
-            f"hand '{hand.name}': a finger closes {longest} joints, at most {MOST_JOINTS} are taken"
-        )
     values = dict(zip(posture.names, posture.positions, strict=True))
     groups, poses = _rigid_groups(hand, values)
     static = len(chains) * MOST_JOINTS
     order = sorted(hand.urdf.collisions, key=lambda shape: groups[shape.link])
-    if not order:
-        raise InvalidHandError(f"hand '{hand.name}' has no collision shapes")
+    check_sizes(hand, len(order))
     T = np.array([poses[shape.link] @ shape.T_link_shape for shape in order])
     shape_group = np.array([groups[shape.link] for shape in order])
-    chain_data = _chain_arrays(hand, values)
-    spheres = [covering_spheres(shape, T[i]) for i, shape in enumerate(order)]
-    counts = [len(radii) for _, radii in spheres]
-    centers = np.vstack([center for center, _ in spheres])
-    radii = np.concatenate([radius for _, radius in spheres])
-    sphere_start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    ends, radius, kind, box = _self_shapes(order, T)
-    arrays = HandArrays(
-        *chain_data,
-        shape_group.astype(np.int64),
-        np.searchsorted(shape_group, np.arange(static + 2)).astype(np.int64),
-        ends,
-        radius,
-        kind,
-        box,
-        sphere_start,
-        centers,
-        radii,
-        _reaches(chain_data[1], shape_group, centers, radii, sphere_start, static),
-        np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / 2.0 + radius + np.linalg.norm(box[:, 3], axis=1),
-        *_pairs(shape_group, static),
-        *_slabs(chain_data, shape_group, ends, radius, kind),
-    )
-    return arrays, HandLayout(tuple(order), T, tuple(chains))
+    fields: dict[str, npt.NDArray[Any]] = _chain_fields(hand, values)
+    fields |= _sphere_fields(hand, order, T) | _self_fields(order, T)
+    fields["shape_group"] = shape_group
+    fields["group_shapes"] = np.searchsorted(shape_group, np.arange(static + 2))
+    fields["reach"] = _reaches(fields, shape_group, static)
+    fields["pair_start"], fields["pair_other"] = _pairs(shape_group, static)
+    fields["slab_normal"], fields["slab"] = _slabs(fields, shape_group)
+    arrays = np.zeros(1, HAND_TYPE)
+    for name, value in fields.items():
+        arrays[name][0][tuple(slice(n) for n in value.shape)] = value
+    arrays["fingers"], arrays["shapes"] = len(chains), len(order)
+    return arrays[0], HandLayout(tuple(order), T, tuple(chains))
+
+
+def check_sizes(hand: HandModel, shapes: int) -> None:
+    """Check that a hand fits into the arrays.
+
+    Raises:
+        InvalidHandError: naming what is too many.
+    """
+    longest = max(len(finger.joints) for finger in hand.fingers)
+    for what, count, most in (
+        ("fingers", len(hand.fingers), MOST_FINGERS), ("closing joints in a finger", longest, MOST_JOINTS),
+        ("collision shapes", shapes, MOST_SHAPES),
+    ):
+        if not 0 < count <= most:
+            raise InvalidHandError(f"hand '{hand.name}' has {count} {what}; at least 1 and at most {most} are taken")
 
 
 def _rigid_groups(hand: HandModel, values: dict[str, float]) -> tuple[dict[str, int], dict[str, FloatArray]]:
@@ -165,26 +173,38 @@ def _joint_pose(joint: UrdfJoint, value: float) -> FloatArray:
     return T
 
 
-def _chain_arrays(hand: HandModel, values: dict[str, float]) -> _Chains:
+def _chain_fields(hand: HandModel, values: dict[str, float]) -> dict[str, FloatArray]:
     F = len(hand.fingers)
-    counts = np.array([len(finger.joints) for finger in hand.fingers], dtype=np.int64)
-    fixed = np.tile(np.eye(4), (F, MOST_JOINTS, 1, 1))
-    axis = np.tile([0.0, 0.0, 1.0], (F, MOST_JOINTS, 1))
-    speed, lower, upper, start = (np.zeros((F, MOST_JOINTS)) for _ in range(4))
+    fields = {name: np.zeros((F, MOST_JOINTS)) for name in ("speed", "lower", "upper", "start")}
+    fields["joint_count"] = np.array([len(finger.joints) for finger in hand.fingers])
+    fields["fixed"] = np.tile(np.eye(4), (F, MOST_JOINTS, 1, 1))
+    fields["axis"] = np.tile([0.0, 0.0, 1.0], (F, MOST_JOINTS, 1))
     _, poses = _rigid_groups(hand, values)
     for f, finger in enumerate(hand.fingers):
         for j, name in enumerate(finger.joints):
             joint = hand.urdf.joint(name)
-            fixed[f, j] = poses[joint.parent] @ joint.T_parent_joint
-            axis[f, j] = joint.axis
-            speed[f, j] = finger.speeds[j]
-            lower[f, j], upper[f, j], start[f, j] = joint.lower, joint.upper, values[name]
-    return counts, fixed, axis, speed, lower, upper, start
+            fields["fixed"][f, j] = poses[joint.parent] @ joint.T_parent_joint
+            fields["axis"][f, j], fields["speed"][f, j] = joint.axis, finger.speeds[j]
+            fields["lower"][f, j], fields["upper"][f, j] = joint.lower, joint.upper
+            fields["start"][f, j] = values[name]
+    return fields
 
 
-def _self_shapes(
-    shapes: list[LinkShape], T: FloatArray
-) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:
+def _sphere_fields(hand: HandModel, shapes: list[LinkShape], T: FloatArray) -> dict[str, FloatArray]:
+    spheres = [covering_spheres(shape, T[i]) for i, shape in enumerate(shapes)]
+    start = np.concatenate([[0], np.cumsum([len(radii) for _, radii in spheres])])
+    if start[-1] > MOST_SPHERES:
+        raise InvalidHandError(
+            f"hand '{hand.name}' needs {start[-1]} spheres to cover its shapes, at most {MOST_SPHERES} are taken; "
+            "describe large links by fewer or smaller shapes"
+        )
+    return {
+        "sphere_start": start, "sphere_center": np.vstack([center for center, _ in spheres]),
+        "sphere_radius": np.concatenate([radius for _, radius in spheres]),
+    }
+
+
+def _self_fields(shapes: list[LinkShape], T: FloatArray) -> dict[str, FloatArray]:
     """Return the shapes as capsules and boxes for tests of the hand against itself."""
     n = len(shapes)
     ends, radius = np.zeros((n, 2, 3)), np.zeros(n)
@@ -202,7 +222,8 @@ def _self_shapes(
                 T[i, :3, :3] @ (middle - half) + T[i, :3, 3],
                 T[i, :3, :3] @ (middle + half) + T[i, :3, 3],
             ]
-    return ends, radius, kind, box
+    ball = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / 2.0 + radius + np.linalg.norm(box[:, 3], axis=1)
+    return {"ends": ends, "radius": radius, "kind": kind, "box": box, "ball": ball}
 
 
 def _capsule_of(shape: LinkShape) -> tuple[FloatArray, float, FloatArray]:
@@ -221,33 +242,26 @@ def _capsule_of(shape: LinkShape) -> tuple[FloatArray, float, FloatArray]:
     return directions[0] * max(float(np.ptp(along)) / 2.0 - radius, 0.0), radius, middle
 
 
-def _reaches(
-    fixed: FloatArray,
-    shape_group: IntArray,
-    centers: FloatArray,
-    radii: FloatArray,
-    sphere_start: IntArray,
-    static: int,
-) -> FloatArray:
+def _reaches(fields: dict[str, FloatArray], shape_group: IntArray, static: int) -> FloatArray:
     """Bound how far each shape's points get from each joint of its finger, whatever the joint values."""
     reach = np.zeros((len(shape_group), MOST_JOINTS))
     for i, group in enumerate(shape_group):
         if group == static:
             continue
         f, last = divmod(int(group), MOST_JOINTS)
-        part = slice(sphere_start[i], sphere_start[i + 1])
-        length = float((np.linalg.norm(centers[part], axis=1) + radii[part]).max())
+        part = slice(fields["sphere_start"][i], fields["sphere_start"][i + 1])
+        distances = np.linalg.norm(fields["sphere_center"][part], axis=1) + fields["sphere_radius"][part]
+        length = float(distances.max())
         for j in range(last, -1, -1):
             reach[i, j] = length
-            length += float(np.linalg.norm(fixed[f, j, :3, 3]))
+            length += float(np.linalg.norm(fields["fixed"][f, j, :3, 3]))
     return reach
 
 
-def _slabs(
-    chains: _Chains, shape_group: IntArray, ends: FloatArray, radius: FloatArray, kind: IntArray
-) -> tuple[FloatArray, FloatArray]:
+def _slabs(fields: dict[str, FloatArray], shape_group: IntArray) -> tuple[FloatArray, FloatArray]:
     """Find the slab that each finger moves in: joints with parallel axes keep all points' height along them."""
-    counts, fixed, axis = chains[:3]
+    counts, fixed, axis = fields["joint_count"], fields["fixed"], fields["axis"]
+    ends, radius, kind = fields["ends"], fields["radius"], fields["kind"]
     F = len(counts)
     normals, slabs = np.tile([0.0, 0.0, 1.0], (F, 1)), np.tile([-np.inf, np.inf], (F, 1))
     for f in range(F):
@@ -270,7 +284,8 @@ def _pairs(shape_group: IntArray, static: int) -> tuple[IntArray, IntArray]:
 
     The first closing link of a finger always overlaps its base, so it is tested against other fingers only.
     """
-    start, others = [0], []
+    start: list[int] = [0]
+    others: list[int] = []
     for group in shape_group:
         f, j = divmod(int(group), MOST_JOINTS)
         for k, other_group in enumerate(shape_group):
@@ -284,14 +299,13 @@ def _pairs(shape_group: IntArray, static: int) -> tuple[IntArray, IntArray]:
     return np.array(start, dtype=np.int64), np.array(others, dtype=np.int64)
 
 
-def without_pairs(hand: HandArrays, touching: list[tuple[int, int]]) -> HandArrays:
-    """Return the hand with some pairs of shapes exempted from the test of the hand against itself."""
+def drop_pairs(hand: HandArrays, touching: set[tuple[int, int]]) -> None:
+    """Exempt some pairs of shapes from the test of the hand against itself."""
     start: list[int] = [0]
     others: list[int] = []
-    for shape in range(len(hand.shape_group)):
-        partners = hand.pair_other[hand.pair_start[shape] : hand.pair_start[shape + 1]]
-        others.extend(int(other) for other in partners if (shape, int(other)) not in touching)
+    for shape in range(int(hand["shapes"])):
+        partners = hand["pair_other"][hand["pair_start"][shape] : hand["pair_start"][shape + 1]]
+        others += [int(other) for other in partners if (shape, int(other)) not in touching]
         start.append(len(others))
-    return hand._replace(
-        pair_start=np.array(start, dtype=np.int64), pair_other=np.array(others, dtype=np.int64)
-    )
+    hand["pair_start"][: len(start)] = start
+    hand["pair_other"][: len(others)] = others

@@ -5,14 +5,23 @@ T is always a pose in the object's frame, (4, 4). For groups and shapes see ``ha
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
 from mebo_grasp.grasping.distance_field import DistanceField, sample
-from mebo_grasp.grasping.hand_arrays import BOX, FREE_AT_START, MOST_JOINTS, HandArrays, without_pairs
+from mebo_grasp.grasping.hand_arrays import (
+    BOX,
+    FREE_AT_START,
+    MOST_FINGERS,
+    MOST_GROUPS,
+    MOST_JOINTS,
+    MOST_SHAPES,
+    HandArrays,
+    drop_pairs,
+)
 from mebo_grasp.grasping.mesh_distance import segment_segment
 
 FloatArray = npt.NDArray[np.float64]
@@ -20,40 +29,49 @@ IntArray = npt.NDArray[np.int64]
 
 SELF_GAP_OF_INTEREST = 1e-3
 """Gaps between links beyond this need not be exact, metres."""
+STILL_GAP_OF_INTEREST = 0.03
+"""The same for gaps to the palm, which are remembered."""
 
 
-class HandPoses(NamedTuple):
-    """Where the hand is, and what is known of its gaps there.
+POSES_TYPE = np.dtype(
+    [
+        ("T", np.float64, (4, 4)),
+        ("joints", np.float64, (MOST_FINGERS, MOST_JOINTS)),
+        ("group", np.float64, (MOST_GROUPS, 4, 4)),
+        ("trial", np.float64, (MOST_JOINTS, 4, 4)),
+        ("ends", np.float64, (MOST_SHAPES, 2, 3)),
+        ("box_axes", np.float64, (MOST_SHAPES, 3, 3)),
+        ("scratch", np.float64, (4, 3)),
+        ("bound", np.float64, (MOST_SHAPES,)),
+        ("still_bound", np.float64, (MOST_SHAPES,)),
+        ("slab_normal", np.float64, (MOST_FINGERS, 3)),
+        ("slab", np.float64, (MOST_FINGERS, 2)),
+    ],
+    align=True,
+)
+"""Where a hand is, and what is known of its gaps there.
 
-    Attributes:
-        T: (4, 4) pose of the TCP.
-        joints: (F, J) present values, radians.
-        group: (G, 4, 4) pose of every group at ``joints``.
-        trial: (J, 4, 4) poses of one finger's groups during a step that is being tried.
-        ends: (P, 2, 3) capsule ends of each shape at ``joints``; of a box its centre twice.
-        bound: (P,) lower bound on each shape's gap to the object, carried along while it moves.
-        slab_normal: (F, 3) normal of the slab that each finger never leaves.
-        slab: (F, 2) range of the slab along its normal.
-    """
+T: pose of the TCP
+joints: present values, radians
+group: pose of every group at ``joints``
+trial: poses of one finger's groups during a step that is being tried
+ends: capsule ends of each shape at ``joints``; of a box its centre twice
+box_axes: axes of a box as rows
+bound: lower bound on each shape's gap to the object, carried along while it moves
+still_bound: the same for its gap to the still part of the hand
+slab_normal, slab: of the slab that each finger never leaves
+"""
 
-    T: FloatArray
-    joints: FloatArray
-    group: FloatArray
-    trial: FloatArray
-    ends: FloatArray
-    bound: FloatArray
-    slab_normal: FloatArray
-    slab: FloatArray
+HandPoses: TypeAlias = Any
+"""A record of ``POSES_TYPE``."""
 
 
-def new_poses(hand: HandArrays) -> HandPoses:
+def new_poses() -> HandPoses:
     """Allocate the poses of a hand."""
-    F, J = hand.start.shape
-    return HandPoses(
-        np.eye(4), np.zeros((F, J)), np.tile(np.eye(4), (F * J + 1, 1, 1)), np.tile(np.eye(4), (J, 1, 1)),
-        np.zeros((len(hand.shape_group), 2, 3)), np.zeros(len(hand.shape_group)),
-        np.zeros((F, 3)), np.zeros((F, 2)),
-    )
+    poses = np.zeros(1, POSES_TYPE)
+    for name in ("T", "group", "trial"):
+        poses[name][0] = np.eye(4)
+    return poses[0]
 
 
 @njit(cache=True)
@@ -87,7 +105,16 @@ def _shape_ends(hand: HandArrays, pose: FloatArray, shape: int, out: FloatArray)
 @njit(cache=True)
 def _place_ends(hand: HandArrays, poses: HandPoses, group: int) -> None:
     for shape in range(hand.group_shapes[group], hand.group_shapes[group + 1]):
-        _shape_ends(hand, poses.group[group], shape, poses.ends[shape])
+        pose = poses.group[group]
+        _shape_ends(hand, pose, shape, poses.ends[shape])
+        if hand.kind[shape] == BOX:
+            for row in range(3):
+                for k in range(3):
+                    poses.box_axes[shape, row, k] = (
+                        pose[k, 0] * hand.box[shape, row, 0]
+                        + pose[k, 1] * hand.box[shape, row, 1]
+                        + pose[k, 2] * hand.box[shape, row, 2]
+                    )
 
 
 @njit(cache=True)
@@ -95,12 +122,13 @@ def place_hand(hand: HandArrays, poses: HandPoses, T: FloatArray) -> None:
     """Place the open hand; nothing is known of its gaps yet."""
     poses.T[:] = T
     poses.joints[:] = hand.start
-    F = hand.joint_count.shape[0]
+    F = hand.fingers
     for f in range(F):
         place_finger(hand, poses, f, 0)
-    poses.group[F * MOST_JOINTS] = T
+    poses.group[F * MOST_JOINTS][:] = T
     _place_ends(hand, poses, F * MOST_JOINTS)
     poses.bound[:] = -np.inf
+    poses.still_bound[:] = -np.inf
     for f in range(F):
         offset = 0.0
         for i in range(3):
@@ -116,7 +144,7 @@ def place_finger(hand: HandArrays, poses: HandPoses, f: int, first: int) -> None
     """Bring a finger's group poses up to date from joint ``first`` on."""
     for j in range(first, hand.joint_count[f]):
         group = f * MOST_JOINTS + j
-        before = poses.T if j == 0 else poses.group[group - 1]
+        before = poses.T[:, :] if j == 0 else poses.group[group - 1, :, :]
         _joint_pose(before, hand.fixed[f, j], hand.axis[f, j], poses.joints[f, j], poses.group[group])
         _place_ends(hand, poses, group)
 
@@ -126,11 +154,11 @@ def try_joint_value(hand: HandArrays, poses: HandPoses, f: int, moved: int, valu
     """Write the poses that a finger would have with one joint at another value into ``poses.trial``."""
     for j in range(moved, hand.joint_count[f]):
         if j == 0:
-            before = poses.T
+            before = poses.T[:, :]
         elif j == moved:
-            before = poses.group[f * MOST_JOINTS + j - 1]
+            before = poses.group[f * MOST_JOINTS + j - 1, :, :]
         else:
-            before = poses.trial[j - 1]
+            before = poses.trial[j - 1, :, :]
         angle = value if j == moved else poses.joints[f, j]
         _joint_pose(before, hand.fixed[f, j], hand.axis[f, j], angle, poses.trial[j])
 
@@ -165,19 +193,7 @@ def carry_bounds(hand: HandArrays, poses: HandPoses, f: int, j: int, turn: float
     for group in range(f * MOST_JOINTS + j, (f + 1) * MOST_JOINTS):
         for shape in range(hand.group_shapes[group], hand.group_shapes[group + 1]):
             poses.bound[shape] -= abs(turn) * hand.reach[shape, j]
-
-
-@njit(cache=True)
-def _into_box_frame(p: FloatArray, box: FloatArray, center: FloatArray, pose: FloatArray, out: FloatArray) -> None:
-    """Write a point's coordinates along the axes of a box, from its centre; box rows are its axes in the group."""
-    local = np.empty(3)
-    for m in range(3):
-        total = 0.0
-        for k in range(3):
-            total += pose[k, m] * (p[k] - pose[k, 3])
-        local[m] = total - center[m]
-    for row in range(3):
-        out[row] = box[row, 0] * local[0] + box[row, 1] * local[1] + box[row, 2] * local[2]
+            poses.still_bound[shape] -= abs(turn) * hand.reach[shape, j]
 
 
 @njit(cache=True)
@@ -204,17 +220,17 @@ def _excess_slope(a: FloatArray, b: FloatArray, t: float, half: FloatArray) -> f
 
 
 @njit(cache=True)
-def _segment_box(
-    p: FloatArray, q: FloatArray, box: FloatArray, center: FloatArray, pose: FloatArray, enough: float
-) -> float:
-    """Return the distance between a segment and a box: a convex function of the place on the segment.
+def _segment_box(hand: HandArrays, poses: HandPoses, ends: FloatArray, other: int, enough: float) -> float:
+    """Return the distance between a segment and a box of the hand.
 
     Beyond ``enough`` it may be a lower bound, itself beyond ``enough``.
     """
-    a, b = np.empty(3), np.empty(3)
-    _into_box_frame(p, box, center, pose, a)
-    _into_box_frame(q, box, center, pose, b)
-    low, high = 0.0, 1.0
+    a, b, box = poses.scratch[0], poses.scratch[1], hand.box[other]
+    for row in range(3):
+        a[row] = b[row] = 0.0
+        for k in range(3):
+            a[row] += poses.box_axes[other, row, k] * (ends[0, k] - poses.ends[other, 0, k])
+            b[row] += poses.box_axes[other, row, k] * (ends[1, k] - poses.ends[other, 0, k])
     apart2 = 0.0
     for k in range(3):
         apart = max(min(a[k], b[k]) - box[3, k], -max(a[k], b[k]) - box[3, k], 0.0)
@@ -254,10 +270,7 @@ def _self_gap(hand: HandArrays, poses: HandPoses, shape: int, ends: FloatArray, 
     if apart2 > needed * needed:
         return np.sqrt(apart2) - hand.ball[shape] - hand.ball[other]
     if hand.kind[other] == BOX:
-        pose = poses.group[hand.shape_group[other]]
-        needed = enough + hand.radius[shape]
-        apart = _segment_box(ends[0], ends[1], hand.box[other], hand.ends[other, 0], pose, needed)
-        return apart - hand.radius[shape]
+        return _segment_box(hand, poses, ends, other, enough + hand.radius[shape]) - hand.radius[shape]
     apart = segment_segment(ends[0], ends[1], poses.ends[other, 0], poses.ends[other, 1])
     return apart - hand.radius[shape] - hand.radius[other]
 
@@ -274,60 +287,86 @@ def _slab_gap(hand: HandArrays, poses: HandPoses, shape: int, ends: FloatArray, 
 
 
 @njit(cache=True)
-def _gap_of_shape(hand: HandArrays, poses: HandPoses, shape: int, ends: FloatArray, f: int) -> float:
-    """Return the smallest gap between a shape of finger f with its ends at ``ends`` and the rest of the hand."""
+def _gap_to_fingers(hand: HandArrays, poses: HandPoses, shape: int, ends: FloatArray) -> float:
+    """Return the smallest gap between a shape with its ends at ``ends`` and the other fingers."""
     smallest, clear = np.inf, -1
     for i in range(hand.pair_start[shape], hand.pair_start[shape + 1]):
         other = hand.pair_other[i]
         g = hand.shape_group[other] // MOST_JOINTS
         if g == clear:
             continue
-        if g < hand.slab.shape[0]:
-            apart = _slab_gap(hand, poses, shape, ends, g)
-            if apart > SELF_GAP_OF_INTEREST:
-                clear = g
-                smallest = min(smallest, apart)
-                continue
+        if g == hand.fingers:
+            break
+        apart = _slab_gap(hand, poses, shape, ends, g)
+        if apart > SELF_GAP_OF_INTEREST:
+            clear = g
+            smallest = min(smallest, apart)
+            continue
         smallest = min(smallest, _self_gap(hand, poses, shape, ends, other, min(smallest, SELF_GAP_OF_INTEREST)))
     return smallest
 
 
 @njit(cache=True)
-def self_gap_of_finger(hand: HandArrays, poses: HandPoses, f: int, first: int, trying: bool) -> float:
+def _gap_to_still_part(hand: HandArrays, poses: HandPoses, shape: int, ends: FloatArray, motion: float) -> float:
+    """Return the gap between a shape and the still part of the hand, or a bound beyond ``SELF_GAP_OF_INTEREST``.
+
+    Args:
+        hand: the hand.
+        poses: where it is.
+        shape: the shape.
+        ends: where the shape's ends are.
+        motion: how far the shape may have moved from its present place to there.
+    """
+    if poses.still_bound[shape] - motion > SELF_GAP_OF_INTEREST:
+        return poses.still_bound[shape] - motion
+    smallest = STILL_GAP_OF_INTEREST
+    for i in range(hand.pair_start[shape], hand.pair_start[shape + 1]):
+        other = hand.pair_other[i]
+        if hand.shape_group[other] // MOST_JOINTS == hand.fingers:
+            smallest = min(smallest, _self_gap(hand, poses, shape, ends, other, smallest))
+    poses.still_bound[shape] = max(poses.still_bound[shape], smallest - motion)
+    return smallest
+
+
+@njit(cache=True)
+def self_gap_of_finger(hand: HandArrays, poses: HandPoses, f: int, first: int, turn: float) -> float:
     """Return the smallest gap between a finger, from a joint on, and the rest of the hand.
 
     Args:
-        hand, poses: the hand and where it is.
+        hand: the hand.
+        poses: where it is.
         f: the finger.
         first: joint from which on its links count.
-        trying: whether the finger stands at ``poses.trial`` rather than at its present posture.
+        turn: if not 0, the finger stands at ``poses.trial``, where joint ``first`` has turned by so many radians.
 
     Returns:
         The gap, metres; beyond ``SELF_GAP_OF_INTEREST`` a lower bound.
     """
     smallest = np.inf
-    ends = np.empty((2, 3))
+    ends = poses.scratch[2:4]
     for j in range(first, hand.joint_count[f]):
         group = f * MOST_JOINTS + j
         for shape in range(hand.group_shapes[group], hand.group_shapes[group + 1]):
-            if trying:
+            if turn != 0.0:
                 _shape_ends(hand, poses.trial[j], shape, ends)
             else:
                 ends[:] = poses.ends[shape]
-            smallest = min(smallest, _gap_of_shape(hand, poses, shape, ends, f))
+            motion = abs(turn) * hand.reach[shape, first]
+            smallest = min(smallest, _gap_to_fingers(hand, poses, shape, ends))
+            smallest = min(smallest, _gap_to_still_part(hand, poses, shape, ends, motion))
     return smallest
 
 
-def exempt_touching_pairs(hand: HandArrays) -> HandArrays:
+def exempt_touching_pairs(hand: HandArrays) -> None:
     """Exempt pairs of links that touch in the open hand from the test of the hand against itself."""
-    poses = new_poses(hand)
+    poses = new_poses()
     place_hand(hand, poses, np.eye(4))
-    touching = []
-    for shape in range(len(hand.shape_group)):
-        for other in hand.pair_other[hand.pair_start[shape] : hand.pair_start[shape + 1]]:
+    touching = set()
+    for shape in range(int(hand["shapes"])):
+        for other in hand["pair_other"][hand["pair_start"][shape] : hand["pair_start"][shape + 1]]:
             if open_hand_gap(hand, poses, shape, int(other)) < FREE_AT_START:
-                touching += [(shape, int(other)), (int(other), shape)]
-    return without_pairs(hand, touching)
+                touching |= {(shape, int(other)), (int(other), shape)}
+    drop_pairs(hand, touching)
 
 
 @njit(cache=True)

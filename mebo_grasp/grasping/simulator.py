@@ -15,8 +15,8 @@ from mebo_grasp.grasping.closing import ClosingRule
 from mebo_grasp.grasping.distance_field import build_field, build_tree
 from mebo_grasp.grasping.engine import BULLET, FAST, QUERY_RANGE, Engine
 from mebo_grasp.grasping.hand_arrays import MOST_JOINTS, build_hand_arrays
-from mebo_grasp.grasping.hand_motion import exempt_touching_pairs
 from mebo_grasp.grasping.hand_model import HandModel
+from mebo_grasp.grasping.hand_motion import exempt_touching_pairs
 from mebo_grasp.grasping.quality import GraspMetrics, measure
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.grasping.trial import TrialSettings
@@ -40,10 +40,10 @@ class GraspSimulator:
         self.target = target
         self.hand = hand
         self.settings = settings or TrialSettings()
-        arrays, self._layout = build_hand_arrays(hand, hand.preshape)
-        self._arrays = exempt_touching_pairs(arrays)
-        self._state = closing.new_state(self._arrays)
-        self._poses = hand_motion.new_poses(self._arrays)
+        self._arrays, self._layout = build_hand_arrays(hand, hand.preshape)
+        exempt_touching_pairs(self._arrays)
+        self._state = closing.new_state()
+        self._poses = hand_motion.new_poses()
         self._field = build_field(target.mesh, target.solid_parts)
         self._rule = ClosingRule(self.settings.step, self.settings.gap_tolerance, self.settings.whole_finger)
         self._static_group = len(hand.fingers) * MOST_JOINTS
@@ -109,35 +109,36 @@ class GraspSimulator:
     def _pressing(self) -> set[int]:
         """Return the shapes that one more step of one joint would bring into the object."""
         arrays, poses, pressing = self._arrays, self._poses, set()
-        for f in range(len(arrays.joint_count)):
-            for j in range(arrays.joint_count[f]):
-                value = poses.joints[f, j] + self._rule.step * arrays.speed[f, j]
-                if not arrays.lower[f, j] <= value <= arrays.upper[f, j]:
+        for f in range(int(arrays["fingers"])):
+            for j in range(arrays["joint_count"][f]):
+                value = poses["joints"][f, j] + self._rule.step * arrays["speed"][f, j]
+                if not arrays["lower"][f, j] <= value <= arrays["upper"][f, j]:
                     continue
                 hand_motion.try_joint_value(arrays, poses, f, j, value)
-                for shape in np.flatnonzero(arrays.shape_group // MOST_JOINTS == f):
-                    i = arrays.shape_group[shape] % MOST_JOINTS
-                    if i < j or hand_motion.gap_bounds(arrays, self._field, poses.trial[i], shape)[0] > 0.0:
+                first, last = arrays["group_shapes"][[f * MOST_JOINTS + j, (f + 1) * MOST_JOINTS]]
+                for shape in range(int(first), int(last)):
+                    i = arrays["shape_group"][shape] % MOST_JOINTS
+                    if hand_motion.gap_bounds(arrays, self._field, poses["trial"][i], shape)[0] > 0.0:
                         continue
-                    if self._world.closest(shape, poses.trial[i])[0] <= 0.0:
-                        pressing.add(int(shape))
+                    if self._world.closest(shape, poses["trial"][i])[0] <= 0.0:
+                        pressing.add(shape)
         return pressing
 
     def _contact_reach(self, shape: int, pressing: bool) -> float:
         """Return the gap within which a shape gives a contact; 0 if it gives none."""
-        if self._arrays.shape_group[shape] == self._static_group:
+        if self._arrays["shape_group"][shape] == self._static_group:
             return self.settings.palm_distance if self.settings.palm_contacts else 0.0
         return QUERY_RANGE if pressing else self.settings.gap_tolerance
 
     def _group_pose(self, shape: int) -> FloatArray:
-        pose: FloatArray = self._poses.group[self._arrays.shape_group[shape]]
+        pose: FloatArray = self._poses["group"][self._arrays["shape_group"][shape]]
         return pose
 
     def _posture(self) -> HandPosture:
         values = dict(zip(self.hand.preshape.names, self.hand.preshape.positions, strict=True))
         for f, joints in enumerate(self._layout.joints):
             for j, name in enumerate(joints):
-                values[name] = float(self._poses.joints[f, j])
+                values[name] = float(self._poses["joints"][f, j])
         return HandPosture(tuple(values), tuple(values.values()))
 
     def _grasp(
