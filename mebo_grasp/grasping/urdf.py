@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import numpy.typing as npt
+import trimesh
+from scipy.spatial import QhullError
 from scipy.spatial.transform import Rotation
 
 from mebo_grasp.errors import InvalidHandError, InvalidObjectError
-from mebo_grasp.grasping.target_object import load_mesh
+from mebo_grasp.grasping.target_object import check_finite, load_mesh
 
 FloatArray = npt.NDArray[np.float64]
 
 MOVABLE = ("revolute", "continuous")
+PRIMITIVES = ("box", "sphere", "cylinder", "capsule")
 CONTINUOUS_LIMIT = float(np.pi)
 SAME_POINT = 1e-5
 """Distance below which two shape origins of one link are taken for equal, metres."""
@@ -112,6 +115,8 @@ def read_urdf(path: Path) -> Urdf:
     try:
         links = tuple(_attribute(link, "name") for link in robot.findall("link"))
         joints = [_joint(element) for element in robot.findall("joint")]
+        _check_distinct("link", links)
+        _check_distinct("joint", [joint.name for joint in joints])
         root, ordered = _ordered(links, joints, path)
         collisions = _all_shapes(robot, "collision", path.parent)
         visuals = _all_shapes(robot, "visual", path.parent) or collisions
@@ -125,6 +130,36 @@ def _attribute(element: ElementTree.Element, name: str) -> str:
     if value is None:
         raise ValueError(f"<{element.tag}> lacks the attribute '{name}'")
     return value
+
+
+def _check_distinct(what: str, names: Sequence[str]) -> None:
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"{what} {', '.join(twice)} stands in the file more than once")
+
+
+def _sizes(shape: ElementTree.Element, link: str) -> tuple[float, ...]:
+    """Return the positive finite sizes of a primitive, metres."""
+    if shape.tag == "box":
+        sizes = tuple(_numbers(_attribute(shape, "size"), 3).tolist())
+    elif shape.tag == "sphere":
+        sizes = (float(_attribute(shape, "radius")),)
+    else:
+        sizes = (float(_attribute(shape, "radius")), float(_attribute(shape, "length")))
+    if not all(np.isfinite(size) and size > 0.0 for size in sizes):
+        raise ValueError(f"a {shape.tag} of link '{link}' has sizes {sizes}; they must be finite and above 0")
+    return sizes
+
+
+def _hull(path: Path, scale: FloatArray, link: str) -> FloatArray:
+    """Return the vertices of a mesh file's convex hull, (n, 3), metres."""
+    mesh = load_mesh(path)
+    check_finite(mesh, path.name)
+    vertices = np.array(mesh.vertices) * scale
+    try:
+        return np.array(trimesh.PointCloud(vertices).convex_hull.vertices)
+    except QhullError as error:
+        raise ValueError(f"the mesh '{path.name}' of link '{link}' is flat; give it a volume") from error
 
 
 def _numbers(text: str, count: int) -> FloatArray:
@@ -162,6 +197,8 @@ def _joint(element: ElementTree.Element) -> UrdfJoint:
         if limit is None:
             raise ValueError(f"revolute joint '{name}' lacks its limits")
         lower, upper = float(limit.get("lower", "0")), float(limit.get("upper", "0"))
+    if not (np.isfinite(lower) and np.isfinite(upper)):
+        raise ValueError(f"joint '{name}' has limits {lower} to {upper}; they must be finite")
     if not lower <= upper:
         raise ValueError(f"joint '{name}' has lower limit {lower} above upper limit {upper}")
     return UrdfJoint(
@@ -216,19 +253,12 @@ def _shape(element: ElementTree.Element, link: str, folder: Path) -> LinkShape:
     if geometry is None or len(geometry) != 1:
         raise ValueError(f"a <{element.tag}> of link '{link}' needs exactly one geometry")
     shape, T = geometry[0], _origin(element)
-    if shape.tag == "box":
-        return LinkShape(link, "box", tuple(_numbers(_attribute(shape, "size"), 3).tolist()), T)
-    if shape.tag == "sphere":
-        return LinkShape(link, "sphere", (float(_attribute(shape, "radius")),), T)
-    if shape.tag in ("cylinder", "capsule"):
-        sizes = (float(_attribute(shape, "radius")), float(_attribute(shape, "length")))
-        return LinkShape(link, shape.tag, sizes, T)
+    if shape.tag in PRIMITIVES:
+        return LinkShape(link, shape.tag, _sizes(shape, link), T)
     if shape.tag == "mesh":
         file_name = _attribute(shape, "filename").removeprefix("file://")
         scale = _numbers(shape.get("scale", "1 1 1"), 3)
-        mesh = load_mesh(folder / file_name)
-        hull = mesh.convex_hull
-        return LinkShape(link, "mesh", (), T, np.array(hull.vertices) * scale)
+        return LinkShape(link, "mesh", (), T, _hull(folder / file_name, scale, link))
     raise ValueError(f"link '{link}' has an unknown shape '{shape.tag}'")
 
 
