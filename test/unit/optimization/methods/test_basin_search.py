@@ -100,7 +100,7 @@ def test_level_is_not_drawn_up_by_trials_that_gather_at_the_top():
 
 def test_search_of_a_plateau_goes_on_elsewhere():
     def plateau(x):
-        return float(max(0.0, 1.0 - 8.0 * np.linalg.norm(x - 0.3)))
+        return max(0.0, 1.0 - 8.0 * float(np.linalg.norm(x - 0.3)))
 
     optimizer = finished(plateau, 2, 60, n_initial=25)
     assert optimizer.incumbent.value > 0.9
