@@ -3,15 +3,22 @@
 Notation
     points: (n, d) array, the generators of the polytope
     facet:  d point indices; unit outward normal u and offset o, so that u . x <= o holds inside
+    ridge:  what two facets share, d - 1 points; a facet's neighbour k lies across the ridge without its vertex k
     h(u):   support, the largest u . x over all points
 
 The search for the nearest facet is an expanding polytope (van den Bergen, 2001, in three dimensions): start
 from a simplex of well-spread points, take the facet whose plane has the smallest signed distance from the
 origin, and add the point that is farthest along its normal, until that facet is one of the hull. If the
 support along a facet's normal is not positive, the origin lies outside and the search ends at once.
+
+A point is added as in any beneath-beyond hull: the facets that see it give way to a cone from it to their
+horizon. The plane of a new facet turns about its ridge, so its normal is a positive combination of the normals
+on the two sides of the horizon; no system of equations is solved.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,21 +26,57 @@ from numba import njit
 from scipy.spatial import ConvexHull, QhullError
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+KeyArray = npt.NDArray[np.uint64]
 
 FLAT = 1e-9
 """A point set thinner than this in some direction spans no volume; wrenches are of the order of 1."""
 TOLERANCE = 1e-11
 """How far a point must lie beyond a facet to be taken for outside."""
-INDEX_BITS = 10
-MOST_POINTS = 1 << INDEX_BITS
-"""Ridges are told apart by a key of up to 6 indices of this many bits."""
-FIRST_FACETS = 512
+LARGEST_DRIFT = 1e-10
+"""How far the offset of the nearest facet may differ from the one computed anew from its points."""
+MOST_POINTS = 1 << 10
+"""Larger sets go to Qhull."""
+FIRST_FACETS = 1024
+FIRST_FACETS_OF_HULL = 4096
+MOST_FACETS = 1 << 20
 
-CONVERGED, OUTSIDE, DEGENERATE = 0, 1, 2
+CONVERGED, OUTSIDE, DEGENERATE, FULL = 0, 1, 2, 3
+
+
+class Polytope(NamedTuple):
+    """A growing polytope; rows of facets that are no longer part of it are used again.
+
+    Attributes:
+        vertices, neighbors: (capacity, d) of each facet.
+        normals, offsets: its plane.
+        areas: (d - 1)! times its area, where wanted.
+        heights: of the point being added above each plane.
+        alive: whether a row is in use.
+        free, seen, fresh: rows that are free, that see the point being added, that were just made.
+        keys: (n,) a random number a point; the sum over a ridge's points tells it from others.
+        slot_key, slot_owner: hash table of ridges of new facets.
+        used: rows ever used, rows free.
+    """
+
+    vertices: IntArray
+    neighbors: IntArray
+    normals: FloatArray
+    offsets: FloatArray
+    areas: FloatArray
+    heights: FloatArray
+    alive: IntArray
+    free: IntArray
+    seen: IntArray
+    fresh: IntArray
+    keys: KeyArray
+    slot_key: KeyArray
+    slot_owner: IntArray
+    used: IntArray
 
 
 @njit(cache=True)
-def _initial_simplex(points: FloatArray, simplex: npt.NDArray[np.int64]) -> bool:
+def _initial_simplex(points: FloatArray, simplex: IntArray) -> bool:
     """Pick d + 1 points, each as far as possible from the flat through those before it."""
     n, d = points.shape
     rest = points.copy()
@@ -72,7 +115,7 @@ def _initial_simplex(points: FloatArray, simplex: npt.NDArray[np.int64]) -> bool
 @njit(cache=True)
 def _plane(
     points: FloatArray,
-    vertices: npt.NDArray[np.int64],
+    vertices: IntArray,
     inside: FloatArray,
     work: FloatArray,
     normal: FloatArray,
@@ -85,7 +128,7 @@ def _plane(
     for r in range(d - 1):
         for k in range(d):
             work[r, k] = points[vertices[r + 1], k] - points[vertices[0], k]
-    # Gram-Schmidt by Householder-free elimination: complete pivoting keeps thin facets accurate.
+    # Complete pivoting keeps thin facets accurate.
     free = _eliminate(work, normal)
     norm = 0.0
     for k in range(d):
@@ -143,288 +186,279 @@ def _eliminate(work: FloatArray, normal: FloatArray) -> float:
 
 
 @njit(cache=True)
-def _ridge_key(vertices: npt.NDArray[np.int64], leave_out: int) -> int:
-    """Return one integer for a facet's ridge: the facet's sorted vertices without one of them."""
-    key = 0
-    for k in range(vertices.shape[0]):
-        if k != leave_out:
-            key = (key << INDEX_BITS) | vertices[k]
-    return key
+def _random_key(i: int) -> np.uint64:
+    """Return the i-th number of a fixed random sequence (splitmix64, Steele et al., 2014)."""
+    x = np.uint64(i + 1) * np.uint64(0x9E3779B97F4A7C15)
+    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return x ^ (x >> np.uint64(31))
 
 
 @njit(cache=True)
-def _toggle(
-    table: npt.NDArray[np.int64], owner: npt.NDArray[np.int64], key: int, facet: int, mask: int
-) -> None:
-    """Enter a ridge, or strike it out if it is there: ridges seen twice are inner ones."""
-    slot = (key * 0x9E3779B1 >> 7) & mask
-    while table[slot] != -1:
-        if table[slot] == key:
-            owner[slot] = -1 if owner[slot] >= 0 else facet
-            return
-        slot = (slot + 1) & mask
-    table[slot] = key
-    owner[slot] = facet
+def _allocate(n: int, d: int, capacity: int) -> Polytope:
+    keys = np.empty(n, np.uint64)
+    for i in range(n):
+        keys[i] = _random_key(i)
+    slots = 16
+    while slots < 2 * capacity * d:
+        slots *= 2
+    return Polytope(
+        np.empty((capacity, d), np.int64), np.empty((capacity, d), np.int64), np.empty((capacity, d)),
+        np.empty(capacity), np.empty(capacity), np.empty(capacity), np.zeros(capacity, np.int64),
+        np.empty(capacity, np.int64), np.empty(capacity, np.int64), np.empty(capacity, np.int64), keys,
+        np.empty(slots, np.uint64), np.empty(slots, np.int64), np.zeros(2, np.int64),
+    )
 
 
 @njit(cache=True)
-def _insert_sorted(
-    vertices: npt.NDArray[np.int64], leave_out: int, point: int, out: npt.NDArray[np.int64]
-) -> None:
-    """Replace one vertex of a facet by a point and keep the indices sorted."""
-    at = 0
-    placed = False
-    for k in range(vertices.shape[0]):
-        if k == leave_out:
-            continue
-        if not placed and point < vertices[k]:
-            out[at] = point
-            at += 1
-            placed = True
-        out[at] = vertices[k]
-        at += 1
-    if not placed:
-        out[at] = point
-
-
-@njit(cache=True)
-def _add_point(
-    points: FloatArray,
-    point: int,
-    inside: FloatArray,
-    vertices: npt.NDArray[np.int64],
-    normals: FloatArray,
-    offsets: FloatArray,
-    areas: FloatArray,
-    count: int,
-    table: npt.NDArray[np.int64],
-    owner: npt.NDArray[np.int64],
-    work: FloatArray,
-) -> int:
-    """Replace all facets that see ``point`` by the cone from it to their horizon; return the new facet count.
-
-    Facets are kept dense in the first ``count`` rows. Returns -1 if the arrays are too small and -2 if a new
-    facet is degenerate.
-    """
+def _start(points: FloatArray, simplex: IntArray, inside: FloatArray, hull: Polytope) -> bool:
+    """Set up the d + 1 facets of a simplex; False if one is degenerate."""
     d = points.shape[1]
-    mask = table.shape[0] - 1
-    table[:] = -1
-    entered = 0
-    kept = 0
-    removed = np.empty(count, np.int64)
-    n_removed = 0
-    for f in range(count):
-        height = -offsets[f]
-        for k in range(d):
-            height += normals[f, k] * points[point, k]
-        if height > TOLERANCE:
-            removed[n_removed] = f
-            n_removed += 1
-    entered = n_removed * d
-    if entered * 2 > mask:
-        return -1
-    for r in range(n_removed):
-        for k in range(d):
-            _toggle(table, owner, _ridge_key(vertices[removed[r]], k), removed[r] * d + k, mask)
-    new_vertices = np.empty((entered, d), np.int64)
-    n_new = 0
-    for slot in range(table.shape[0]):
-        if table[slot] != -1 and owner[slot] >= 0:
-            _insert_sorted(vertices[owner[slot] // d], owner[slot] % d, point, new_vertices[n_new])
-            n_new += 1
-    kept = count - n_removed
-    if kept + n_new > offsets.shape[0]:
-        return -1
-    last = count - 1
-    for r in range(n_removed - 1, -1, -1):
-        f = removed[r]
-        if f != last:
-            vertices[f] = vertices[last]
-            normals[f] = normals[last]
-            offsets[f] = offsets[last]
-            areas[f] = areas[last]
-        last -= 1
-    for i in range(n_new):
-        f = kept + i
-        vertices[f] = new_vertices[i]
-        offsets[f], areas[f] = _plane(points, vertices[f], inside, work, normals[f])
-        if areas[f] == 0.0:
-            return -2
-    return kept + n_new
-
-
-@njit(cache=True)
-def _start(
-    points: FloatArray,
-    simplex: npt.NDArray[np.int64],
-    inside: FloatArray,
-    vertices: npt.NDArray[np.int64],
-    normals: FloatArray,
-    offsets: FloatArray,
-    areas: FloatArray,
-    work: FloatArray,
-) -> bool:
-    """Write the d + 1 facets of the initial simplex; False if one is degenerate."""
-    d = points.shape[1]
-    ordered = np.sort(simplex)
+    work = np.empty((d - 1, d))
     for f in range(d + 1):
         at = 0
         for k in range(d + 1):
             if k != f:
-                vertices[f, at] = ordered[k]
+                hull.vertices[f, at] = simplex[k]
+                hull.neighbors[f, at] = k
                 at += 1
-        offsets[f], areas[f] = _plane(points, vertices[f], inside, work, normals[f])
-        if areas[f] == 0.0:
+        hull.alive[f] = 1
+        hull.offsets[f], hull.areas[f] = _plane(points, hull.vertices[f], inside, work, hull.normals[f])
+        if hull.areas[f] == 0.0:
             return False
+    hull.used[0] = d + 1
+    return True
+
+
+@njit(cache=True)
+def _look_from(points: FloatArray, point: int, hull: Polytope) -> int:
+    """Note the height of a point above every facet; return how many see it, listed in ``hull.seen``."""
+    d = points.shape[1]
+    n_seen = 0
+    for f in range(hull.used[0]):
+        if hull.alive[f] == 0:
+            continue
+        height = -hull.offsets[f]
+        for k in range(d):
+            height += hull.normals[f, k] * points[point, k]
+        hull.heights[f] = height
+        if height > TOLERANCE:
+            hull.seen[n_seen] = f
+            n_seen += 1
+    return n_seen
+
+
+@njit(cache=True, inline="always")
+def _make_facet(points: FloatArray, point: int, hull: Polytope, c: int, f: int, k: int) -> None:
+    """Write facet c from a point to the ridge across which facet f, which sees it, has neighbour k, which does not."""
+    d = points.shape[1]
+    g = hull.neighbors[f, k]
+    above, below = hull.heights[f], max(-hull.heights[g], 0.0)
+    norm = 0.0
+    for m in range(d):
+        hull.normals[c, m] = above * hull.normals[g, m] + below * hull.normals[f, m]
+        norm += hull.normals[c, m] ** 2
+        hull.vertices[c, m] = hull.vertices[f, m]
+    norm = np.sqrt(norm)
+    back = 0
+    for m in range(d):
+        if hull.neighbors[g, m] == f:
+            back = m
+    offset, far_f, far_g = 0.0, 0.0, 0.0
+    for m in range(d):
+        hull.normals[c, m] /= norm
+        offset += hull.normals[c, m] * points[point, m]
+        far_f += hull.normals[c, m] * points[hull.vertices[f, k], m]
+        far_g += hull.normals[c, m] * points[hull.vertices[g, back], m]
+    hull.offsets[c] = offset
+    # The simplex of facet and opposite point has one volume, whichever of its facets is taken for the base.
+    far_f, far_g = offset - far_f, offset - far_g
+    if far_f >= far_g:
+        hull.areas[c] = hull.areas[f] * above / far_f if far_f > 0.0 else 0.0
+    else:
+        hull.areas[c] = hull.areas[g] * below / far_g
+    hull.vertices[c, k] = point
+    hull.neighbors[c, k] = g
+    hull.neighbors[g, back] = c
+    hull.alive[c] = 1
+
+
+@njit(cache=True)
+def _join(points: FloatArray, point: int, hull: Polytope, n_fresh: int) -> None:
+    """Make the new facets neighbours of one another: two share each ridge that holds the point."""
+    d = points.shape[1]
+    slots = 16
+    while slots < 2 * n_fresh * d:
+        slots *= 2
+    mask = np.uint64(slots - 1)
+    hull.slot_owner[:slots] = -1
+    for i in range(n_fresh):
+        c = hull.fresh[i]
+        total = np.uint64(0)
+        for m in range(d):
+            total += hull.keys[hull.vertices[c, m]]
+        for m in range(d):
+            if hull.vertices[c, m] == point:
+                continue
+            key = total - hull.keys[hull.vertices[c, m]]
+            at = key & mask
+            while hull.slot_owner[at] >= 0 and hull.slot_key[at] != key:
+                at = (at + np.uint64(1)) & mask
+            owner = hull.slot_owner[at]
+            if owner < 0:
+                hull.slot_key[at] = key
+                hull.slot_owner[at] = c * d + m
+            else:
+                hull.neighbors[c, m] = owner // d
+                hull.neighbors[owner // d, owner % d] = c
+
+
+@njit(cache=True)
+def _add_point(points: FloatArray, point: int, hull: Polytope, n_seen: int) -> bool:
+    """Replace the facets that see a point by the cone from it to their horizon; False if there is no room."""
+    d = points.shape[1]
+    n_fresh = 0
+    for s in range(n_seen):
+        f = hull.seen[s]
+        for k in range(d):
+            if hull.heights[hull.neighbors[f, k]] > TOLERANCE:
+                continue
+            if hull.used[1] > 0:
+                hull.used[1] -= 1
+                c = hull.free[hull.used[1]]
+            elif hull.used[0] < hull.offsets.shape[0]:
+                c = hull.used[0]
+                hull.used[0] += 1
+            else:
+                return False
+            # A row made now must not be taken for one that sees the point.
+            hull.heights[c] = 0.0
+            hull.fresh[n_fresh] = c
+            n_fresh += 1
+            _make_facet(points, point, hull, c, f, k)
+    _join(points, point, hull, n_fresh)
+    for s in range(n_seen):
+        f = hull.seen[s]
+        hull.alive[f] = 0
+        hull.free[hull.used[1]] = f
+        hull.used[1] += 1
+    return True
+
+
+@njit(cache=True)
+def _begin(points: FloatArray, simplex: IntArray, inside: FloatArray) -> bool:
+    """Choose the initial simplex and a point inside it; False if the points are flat."""
+    if points.shape[0] < simplex.shape[0] or not _initial_simplex(points, simplex):
+        return False
+    for i in range(simplex.shape[0]):
+        inside += points[simplex[i]] / simplex.shape[0]
     return True
 
 
 @njit(cache=True)
 def _nearest_facet(points: FloatArray, capacity: int) -> tuple[float, int]:
-    """Return the origin's distance to the hull's nearest facet and how the search ended (-1: arrays too small)."""
+    """Return the origin's distance to the hull's nearest facet, and how the search ended."""
     n, d = points.shape
-    simplex = np.empty(d + 1, np.int64)
-    if n < d + 1 or not _initial_simplex(points, simplex):
+    simplex, inside = np.empty(d + 1, np.int64), np.zeros(d)
+    if not _begin(points, simplex, inside):
         return 0.0, OUTSIDE
-    inside = np.zeros(d)
-    for i in range(d + 1):
-        inside += points[simplex[i]] / (d + 1)
-    vertices = np.empty((capacity, d), np.int64)
-    normals = np.empty((capacity, d))
-    offsets = np.empty(capacity)
-    areas = np.empty(capacity)
-    work = np.empty((d - 1, d))
-    table = np.empty(capacity * 8, np.int64)
-    owner = np.empty(capacity * 8, np.int64)
-    if not _start(points, simplex, inside, vertices, normals, offsets, areas, work):
+    hull = _allocate(n, d, capacity)
+    if not _start(points, simplex, inside, hull):
         return 0.0, DEGENERATE
-    count = d + 1
     for _ in range(4 * n + 16):
-        nearest = 0
-        for f in range(1, count):
-            if offsets[f] < offsets[nearest]:
+        nearest = -1
+        for f in range(hull.used[0]):
+            if hull.alive[f] == 1 and (nearest < 0 or hull.offsets[f] < hull.offsets[nearest]):
                 nearest = f
         farthest, support = 0, -np.inf
         for i in range(n):
             height = 0.0
             for k in range(d):
-                height += normals[nearest, k] * points[i, k]
+                height += hull.normals[nearest, k] * points[i, k]
             if height > support:
                 farthest, support = i, height
         if support <= 0.0:
             return 0.0, OUTSIDE
-        if support <= offsets[nearest] + TOLERANCE:
-            return max(offsets[nearest], 0.0), CONVERGED
-        count = _add_point(
-            points, farthest, inside, vertices, normals, offsets, areas, count, table, owner, work
-        )
-        if count == -1:
-            return 0.0, -1
-        if count < 0:
-            return 0.0, DEGENERATE
+        if support <= hull.offsets[nearest] + TOLERANCE:
+            return _confirmed(points, hull, nearest, inside)
+        if not _add_point(points, farthest, hull, _look_from(points, farthest, hull)):
+            return 0.0, FULL
     return 0.0, DEGENERATE
 
 
 @njit(cache=True)
-def _volume(points: FloatArray, capacity: int) -> tuple[float, int]:
-    """Return the hull's volume by adding one point after the other, and how it ended (-1: arrays too small)."""
-    n, d = points.shape
-    simplex = np.empty(d + 1, np.int64)
-    if n < d + 1 or not _initial_simplex(points, simplex):
-        return 0.0, CONVERGED
-    inside = np.zeros(d)
-    for i in range(d + 1):
-        inside += points[simplex[i]] / (d + 1)
-    vertices = np.empty((capacity, d), np.int64)
-    normals = np.empty((capacity, d))
-    offsets = np.empty(capacity)
-    areas = np.empty(capacity)
-    work = np.empty((d - 1, d))
-    table = np.empty(capacity * 8, np.int64)
-    owner = np.empty(capacity * 8, np.int64)
-    if not _start(points, simplex, inside, vertices, normals, offsets, areas, work):
+def _confirmed(points: FloatArray, hull: Polytope, facet: int, inside: FloatArray) -> tuple[float, int]:
+    """Return the distance of a facet's plane, computed anew from its points if they span it well."""
+    d = points.shape[1]
+    normal = np.empty(d)
+    offset, area = _plane(points, hull.vertices[facet], inside, np.empty((d - 1, d)), normal)
+    if area > FLAT and abs(offset - hull.offsets[facet]) > LARGEST_DRIFT:
         return 0.0, DEGENERATE
-    count = d + 1
-    total = _cone_volume(points, simplex[0], inside, normals, offsets, areas, count, True)
-    used = np.zeros(n, np.bool_)
-    used[simplex] = True
-    last = n - 1
-    while last >= 0 and used[last]:
-        last -= 1
-    for i in range(n):
-        if used[i]:
-            continue
-        total += _cone_volume(points, i, inside, normals, offsets, areas, count, False)
-        if i == last:
-            break
-        count = _add_point(points, i, inside, vertices, normals, offsets, areas, count, table, owner, work)
-        if count == -1:
-            return 0.0, -1
-        if count < 0:
-            return 0.0, DEGENERATE
-    return total, CONVERGED
+    return max(hull.offsets[facet], 0.0), CONVERGED
 
 
 @njit(cache=True)
-def _cone_volume(
-    points: FloatArray,
-    point: int,
-    inside: FloatArray,
-    normals: FloatArray,
-    offsets: FloatArray,
-    areas: FloatArray,
-    count: int,
-    whole: bool,
-) -> float:
-    """Return the volume between a point and the facets that see it, or of the whole polytope about ``inside``."""
-    d = points.shape[1]
+def _volume(points: FloatArray, capacity: int) -> tuple[float, int]:
+    """Return the hull's volume by adding one point after the other, and how it ended."""
+    n, d = points.shape
+    simplex, inside = np.empty(d + 1, np.int64), np.zeros(d)
+    if not _begin(points, simplex, inside):
+        return 0.0, CONVERGED
+    hull = _allocate(n, d, capacity)
+    if not _start(points, simplex, inside, hull):
+        return 0.0, DEGENERATE
+    total = 0.0
+    for f in range(d + 1):
+        height = hull.offsets[f]
+        for k in range(d):
+            height -= hull.normals[f, k] * inside[k]
+        total += height * hull.areas[f]
+    for i in range(n):
+        if np.any(simplex == i):
+            continue
+        n_seen = _look_from(points, i, hull)
+        for s in range(n_seen):
+            total += hull.heights[hull.seen[s]] * hull.areas[hull.seen[s]]
+        if n_seen > 0 and not _add_point(points, i, hull, n_seen):
+            return 0.0, FULL
     factorial = 1.0
     for k in range(2, d + 1):
         factorial *= k
-    total = 0.0
-    for f in range(count):
-        height = offsets[f] if whole else -offsets[f]
-        for k in range(d):
-            height += -normals[f, k] * inside[k] if whole else normals[f, k] * points[point, k]
-        if height > 0.0:
-            total += height * areas[f]
-    return total / factorial
+    return total / factorial, CONVERGED
 
 
 def origin_distance(points: FloatArray) -> float:
     """Return the radius of the largest origin-centred ball in the convex hull of points.
 
     Args:
-        points: shape (n, d), d >= 2; n at most ``MOST_POINTS``.
+        points: shape (n, d), d >= 2; sets larger than ``MOST_POINTS`` are given to Qhull.
 
     Returns:
         The radius; 0 when the origin lies outside or on the hull, or when the hull is flat.
     """
     contiguous = np.ascontiguousarray(points, dtype=np.float64)
-    if len(contiguous) < MOST_POINTS:
-        capacity = FIRST_FACETS
-        while capacity <= FIRST_FACETS << 10:
-            distance, end = _nearest_facet(contiguous, capacity)
-            if end in (CONVERGED, OUTSIDE):
-                return float(distance)
-            if end == DEGENERATE:
-                break
-            capacity *= 4
+    capacity = FIRST_FACETS
+    while len(contiguous) <= MOST_POINTS and capacity <= MOST_FACETS:
+        distance, end = _nearest_facet(contiguous, capacity)
+        if end in (CONVERGED, OUTSIDE):
+            return float(distance)
+        if end == DEGENERATE:
+            break
+        capacity *= 4
     return _qhull_distance(contiguous)
 
 
 def hull_volume(points: FloatArray) -> float:
     """Return the volume of the convex hull of points, shape (n, d); 0 when it is flat."""
     contiguous = np.ascontiguousarray(points, dtype=np.float64)
-    if len(contiguous) < MOST_POINTS:
-        capacity = FIRST_FACETS * 8
-        while capacity <= FIRST_FACETS << 10:
-            volume, end = _volume(contiguous, capacity)
-            if end == CONVERGED:
-                return float(volume)
-            if end == DEGENERATE:
-                break
-            capacity *= 4
+    capacity = FIRST_FACETS_OF_HULL
+    while len(contiguous) <= MOST_POINTS and capacity <= MOST_FACETS:
+        volume, end = _volume(contiguous, capacity)
+        if end == CONVERGED:
+            return float(volume)
+        if end == DEGENERATE:
+            break
+        capacity *= 4
     hull = _qhull(contiguous)
     return 0.0 if hull is None else float(hull.volume)
 
