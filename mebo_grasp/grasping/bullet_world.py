@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -156,25 +157,12 @@ class BulletWorld:
             T_object_group: pose of the shape's group in the object's frame, (4, 4).
             reach: gaps beyond this are reported as ``reach`` without a point, metres.
         """
-        place(T_object_group, self._T_group_shape[index], self._placed)
-        placed = self._placed.tolist()
         margin = self._margin_object + self._margins[index]
         best, point, direction = reach, None, None
-        count = near_boxes(self._placed, self._balls[index] + reach, self._lower, self._upper, self._near)
-        for body in [self._bodies[i] for i in self._near[:count].tolist()]:
-            hits = pybullet.getClosestPoints(
-                bodyA=body,
-                bodyB=-1,
-                distance=reach - margin,
-                collisionShapeB=self._shapes[index],
-                collisionShapePositionB=placed[:3],
-                collisionShapeOrientationB=placed[3:],
-                physicsClientId=self._client,
-            )
-            for hit in hits:
-                gap = hit[8] + margin
-                if gap < best:
-                    best, point, direction = gap, hit[5], hit[7]
+        for hit in self._hits(index, T_object_group, reach):
+            gap = hit[8] + margin
+            if gap < best:
+                best, point, direction = gap, hit[5], hit[7]
         if point is None or direction is None:
             return reach, None, None
         # Bullet's normal points from the shape (B) to the object (A); the object's point lies on its margin.
@@ -182,9 +170,34 @@ class BulletWorld:
         on_surface = tuple(float(point[k]) + inward[k] * self._margin_object for k in range(3))
         return float(best), (on_surface[0], on_surface[1], on_surface[2]), inward
 
+    def _hits(self, index: int, T_object_group: FloatArray, reach: float) -> list[tuple[Any, ...]]:
+        """Return PyBullet's closest points between a shape and every part of the object near it."""
+        place(T_object_group, self._T_group_shape[index], self._placed)
+        placed = self._placed.tolist()
+        if len(self._bodies) == 1:
+            near = self._bodies
+        else:
+            count = near_boxes(self._placed, self._balls[index] + reach, self._lower, self._upper, self._near)
+            near = [self._bodies[i] for i in self._near[:count].tolist()]
+        hits: list[tuple[Any, ...]] = []
+        for body in near:
+            hits += pybullet.getClosestPoints(
+                bodyA=body,
+                bodyB=-1,
+                distance=reach - self._margin_object - self._margins[index],
+                collisionShapeB=self._shapes[index],
+                collisionShapePositionB=placed[:3],
+                collisionShapeOrientationB=placed[3:],
+                physicsClientId=self._client,
+            )
+        return hits
+
     def _answer(self, index: int) -> float:
         try:
-            return self.closest(index, self._pose)[0]
+            gap = QUERY_RANGE
+            for hit in self._hits(index, self._pose, QUERY_RANGE):
+                gap = min(gap, hit[8] + self._margin_object + self._margins[index])
+            return gap
         except BaseException as error:
             # An exception cannot pass through compiled code; it is kept and raised when that has returned.
             self._error = error
