@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import signal
+import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 
 import numpy as np
 
@@ -128,26 +132,42 @@ def _start_nodes(nodes: NodeGroup, options: argparse.Namespace, directory: Path,
 def _follow(nodes: NodeGroup, client: ExplorationClient) -> bool:
     """Show progress until the budget is spent; False when the user stopped it."""
     line = ProgressLine()
-    try:
+    with stop_at_ctrl_c() as stop:
         end = time.monotonic() + START_TIMEOUT
-        while client.standing is None or not client.services_ready():
+        while not stop.is_set() and (client.standing is None or not client.services_ready()):
             nodes.check()
             if time.monotonic() > end:
                 raise MeboGraspError(f"the nodes did not start within {START_TIMEOUT:.0f} s; see their logs")
             client.spin(0.1)
-        while not client.standing.finished:
+        while not stop.is_set() and client.standing is not None and not client.standing.finished:
             nodes.check()
             _show(line, client.standing)
             client.spin(0.1)
-        _show(line, client.standing)
-    except KeyboardInterrupt:
+        if client.standing is not None:
+            _show(line, client.standing)
         line.end()
-        print("stopping; what was found is kept")
-        if client.standing is not None and client.standing.exploring:
-            client.pause()
-        return False
-    line.end()
-    return True
+        if stop.is_set():
+            print("stopping; what was found is kept")
+            if client.standing is not None and client.standing.exploring:
+                client.pause()
+        return not stop.is_set()
+
+
+@contextmanager
+def stop_at_ctrl_c() -> Iterator[threading.Event]:
+    """Note a first Ctrl-C in an event instead of raising it anywhere; a second one raises as usual."""
+    stop = threading.Event()
+
+    def note(number: int, frame: FrameType | None) -> None:
+        if stop.is_set():
+            signal.default_int_handler(number, frame)
+        stop.set()
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield stop
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _show(line: ProgressLine, now: Standing) -> None:

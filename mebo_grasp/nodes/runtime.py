@@ -18,6 +18,9 @@ from mebo_grasp.errors import MeboGraspError
 
 EXIT_BAD_SETTINGS = 2
 
+LONGEST_WAIT = 0.5
+"""Seconds after which a node looks whether it was told to stop."""
+
 
 def guarded(method: Callable[..., Any]) -> Callable[..., Any]:
     """Wrap a subscription or timer callback of a node: what it raises is logged, and spinning goes on."""
@@ -92,7 +95,9 @@ def run_node(make_node: Callable[[], Node]) -> None:
         node = make_node()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        executor.spin()
+        # spin() without a limit can miss the wake-up of a signal on a busy machine and then waits for ever.
+        while rclpy.ok():
+            executor.spin_once(timeout_sec=LONGEST_WAIT)
     except ExternalShutdownException:
         pass
     except MeboGraspError as error:

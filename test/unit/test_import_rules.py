@@ -21,6 +21,8 @@ LEAVES = tuple(f"{OPTIMIZATION}.{name}" for name in ("search_space", "initial_de
 # Libraries that only some rooms may touch, by the first part of the imported name.
 ROS_CLIENT = re.compile(r"rclpy|rcl_.*|rcutils|rpyutils|rmw_.*|ament_.*|launch|launch_.*|tf2_.*")
 MESSAGES = re.compile(r".*_msgs|builtin_interfaces|.*_interfaces|std_srvs")
+# Tells where a package's interface files lie; no client library.
+AMENT_INDEX = re.compile(r"ament_index_python.*")
 BULLET = re.compile(r"pybullet.*")
 
 
@@ -65,7 +67,7 @@ ROOMS = (
     *_layers(),
     Room("mebo_grasp.grasping", GROUND, (BULLET,)),
     Room("mebo_grasp.solutions", GROUND),
-    Room("msg_adapters", (*GROUND, *SOLUTION_VALUES), (MESSAGES,)),
+    Room("msg_adapters", (*GROUND, *SOLUTION_VALUES), (MESSAGES, AMENT_INDEX)),
     Room("mebo_grasp.experiments", (*GROUND, *THREE_ROOMS)),
     Room("mebo_grasp.nodes", BELOW_NODES, (ROS_CLIENT, MESSAGES)),
     Room("mebo_grasp.cli", ("mebo_grasp.__version__", "mebo_grasp.nodes", *BELOW_NODES)),
