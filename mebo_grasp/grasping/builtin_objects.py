@@ -104,7 +104,8 @@ def _centred(
 def _wall(outer: tuple[tuple[float, float], ...], inner: tuple[tuple[float, float], ...]) -> list[FloatArray]:
     """Return the convex sectors of a cup's wall, and its bottom."""
     rim = inner[0][1]
-    parts = [np.vstack([_ring(*outer[0]), _ring(*outer[1]), _ring(_radius_at(outer, rim), rim)])]
+    floor = (outer[0], outer[1], (_radius_at(outer, rim), rim))
+    parts = [np.vstack([_ring(*point, WALL_SECTORS) for point in floor])]
     for sector in range(WALL_SECTORS):
         angles = 2.0 * np.pi * np.array([sector, sector + 1]) / WALL_SECTORS
         for lower_in, upper_in in pairwise(inner):
