@@ -19,7 +19,7 @@ OPTIMIZATION = "mebo_grasp.optimization"
 LEAVES = tuple(f"{OPTIMIZATION}.{name}" for name in ("search_space", "initial_design", "observations"))
 
 # Libraries that only some rooms may touch, by the first part of the imported name.
-ROS_CLIENT = re.compile(r"rclpy|rcl_.*|rcutils|rpyutils|rmw_.*|ament_.*|launch|launch_.*|tf2_.*")
+ROS_CLIENT = re.compile(r"rclpy|rcl_.*|rcutils|rpyutils|rmw_.*|ament_(?!index_python).*|launch|launch_.*|tf2_.*")
 MESSAGES = re.compile(r".*_msgs|builtin_interfaces|.*_interfaces|std_srvs")
 # Tells where a package's interface files lie; no client library.
 AMENT_INDEX = re.compile(r"ament_index_python.*")
@@ -69,7 +69,7 @@ ROOMS = (
     Room("mebo_grasp.solutions", GROUND),
     Room("msg_adapters", (*GROUND, *SOLUTION_VALUES), (MESSAGES, AMENT_INDEX)),
     Room("mebo_grasp.experiments", (*GROUND, *THREE_ROOMS)),
-    Room("mebo_grasp.nodes", BELOW_NODES, (ROS_CLIENT, MESSAGES)),
+    Room("mebo_grasp.nodes", BELOW_NODES, (ROS_CLIENT, MESSAGES, AMENT_INDEX)),
     Room("mebo_grasp.cli", ("mebo_grasp.__version__", "mebo_grasp.nodes", *BELOW_NODES)),
 )
 
@@ -122,7 +122,7 @@ def violations(source: str, module: str, *, is_package: bool = False) -> list[st
     found = []
     for name in imported_names(source, module, is_package=is_package):
         first = name.split(".")[0]
-        restricted = [kind for kind in (ROS_CLIENT, MESSAGES, BULLET) if kind.fullmatch(first)]
+        restricted = [kind for kind in (ROS_CLIENT, MESSAGES, AMENT_INDEX, BULLET) if kind.fullmatch(first)]
         if first in PACKAGES:
             own = () if room.closed else (room.name,)
             if not any(is_within(name, prefix) for prefix in (*room.may_import, *own)):
