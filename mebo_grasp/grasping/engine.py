@@ -69,4 +69,12 @@ def fast_gap(
     radius = hand.radius[shape]
     if inside:
         return -radius
-    return segment_distance(tree, ends[0], ends[1], QUERY_RANGE + radius) - radius
+    # The field bounds the search: the centres of the covering spheres lie on the axis.
+    bound = QUERY_RANGE + radius
+    for i in range(hand.sphere_start[shape], hand.sphere_start[shape + 1]):
+        c = hand.sphere_center[i]
+        x = pose[0, 0] * c[0] + pose[0, 1] * c[1] + pose[0, 2] * c[2] + pose[0, 3]
+        y = pose[1, 0] * c[0] + pose[1, 1] * c[1] + pose[1, 2] * c[2] + pose[1, 3]
+        z = pose[2, 0] * c[0] + pose[2, 1] * c[1] + pose[2, 2] * c[2] + pose[2, 3]
+        bound = min(bound, abs(sample(field, x, y, z)) + field.slack)
+    return segment_distance(tree, ends[0], ends[1], bound) - radius

@@ -80,6 +80,17 @@ def _segment_triangle(p: FloatArray, q: FloatArray, triangle: FloatArray, scratc
 
 
 @njit(cache=True)
+def _boxes_gap2(tree: TriangleTree, node: int, middle: FloatArray, half: FloatArray) -> float:
+    """Return the squared gap between a node's box and a box given by its middle and half sides."""
+    total = 0.0
+    for k in range(3):
+        low, high = tree.lower[node, k], tree.upper[node, k]
+        apart = max(low - middle[k] - half[k], middle[k] - half[k] - high, 0.0)
+        total += apart * apart
+    return total
+
+
+@njit(cache=True)
 def segment_distance(tree: TriangleTree, p: FloatArray, q: FloatArray, bound: float) -> float:
     """Return the distance between a segment and the surface, at most ``bound``; 0 where they cross."""
     best = bound
@@ -90,19 +101,17 @@ def segment_distance(tree: TriangleTree, p: FloatArray, q: FloatArray, bound: fl
     while top > 0 and best > 0.0:
         top -= 1
         node = stack[top]
-        apart2 = 0.0
-        for k in range(3):
-            low, high = tree.lower[node, k], tree.upper[node, k]
-            apart = max(low - middle[k] - half[k], middle[k] - half[k] - high, 0.0)
-            apart2 += apart * apart
-        if apart2 >= best * best:
+        if _boxes_gap2(tree, node, middle, half) >= best * best:
             continue
         if tree.right[node] == 0:
             for i in range(tree.start[node], tree.end[node]):
                 best = min(best, _segment_triangle(p, q, tree.triangles[i], scratch))
             continue
-        stack[top] = tree.right[node]
-        stack[top + 1] = node + 1
+        near, far = node + 1, tree.right[node]
+        if _boxes_gap2(tree, far, middle, half) < _boxes_gap2(tree, near, middle, half):
+            near, far = far, near
+        stack[top] = far
+        stack[top + 1] = near
         top += 2
     return best
 

@@ -1,0 +1,88 @@
+"""The two engines against each other and the compiled distances against brute force."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from scipy.stats import qmc, spearmanr
+
+from mebo_grasp.grasp import Grasp, GraspOutcome
+from mebo_grasp.grasping.distance_field import build_tree
+from mebo_grasp.grasping.hand_model import HandModel
+from mebo_grasp.grasping.mesh_distance import box_gap, segment_distance
+from mebo_grasp.grasping.pose_space import pose_space_6d
+from mebo_grasp.grasping.simulator import GraspSimulator
+from mebo_grasp.grasping.target_object import TargetObject
+from mebo_grasp.grasping.trial import EngineName, TrialSettings
+
+LEFT = HandModel.load("icub_left")
+
+
+def _grasps(target: TargetObject, engine: EngineName, count: int) -> list[Grasp]:
+    space = pose_space_6d(target, LEFT)
+    unit = qmc.Sobol(space.dimension, seed=3).random(count)
+    poses = [space.to_pose(x) for x in qmc.scale(unit, space.lower, space.upper)]
+    with GraspSimulator(target, LEFT, TrialSettings(engine=engine, compute_volume=False)) as simulator:
+        return [simulator.trial(pose) for pose in poses]
+
+
+@pytest.mark.parametrize("name", ["bottle", "glass", "drill"])
+def test_engines_agree(name: str) -> None:
+    target = TargetObject.builtin(name)
+    bullet, fast = _grasps(target, "bullet", 512), _grasps(target, "fast", 512)
+    collides = [[grasp.outcome is GraspOutcome.COLLISION for grasp in grasps] for grasps in (bullet, fast)]
+    assert np.mean(np.array(collides[0]) == np.array(collides[1])) >= 0.97
+    free = [i for i in range(512) if not collides[0][i] and not collides[1][i]]
+    assert len(free) > 100
+    assert spearmanr([bullet[i].epsilon for i in free], [fast[i].epsilon for i in free])[0] >= 0.9
+
+
+def _brute_force(p: np.ndarray, q: np.ndarray, triangle: np.ndarray) -> float:
+    """Distance between a segment and a triangle as a quadratic programme over both their parameters."""
+
+    def squared(x: np.ndarray) -> float:
+        on_segment = p + x[0] * (q - p)
+        on_triangle = triangle[0] + x[1] * (triangle[1] - triangle[0]) + x[2] * (triangle[2] - triangle[0])
+        return float(np.sum((on_segment - on_triangle) ** 2))
+
+    constraint = {"type": "ineq", "fun": lambda x: 1.0 - x[1] - x[2]}
+    starts = ([0.5, 0.3, 0.3], [0.0, 0.1, 0.1], [1.0, 0.8, 0.1])
+    best = min(
+        float(minimize(squared, x0, bounds=[(0.0, 1.0)] * 3, constraints=constraint, tol=1e-14).fun)
+        for x0 in starts
+    )
+    return float(np.sqrt(max(best, 0.0)))
+
+
+def test_segment_distance_is_that_of_a_quadratic_programme() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(60):
+        triangle, (p, q) = rng.normal(size=(3, 3)), rng.normal(size=(2, 3))
+        found = segment_distance(build_tree(triangle[None]), p, q, 100.0)
+        assert found == pytest.approx(_brute_force(p, q, triangle), abs=2e-5)
+
+
+def test_segment_distance_over_a_tree_is_the_least_over_its_triangles() -> None:
+    mesh = TargetObject.builtin("mug").mesh
+    triangles = np.array(mesh.triangles, dtype=np.float64)
+    tree = build_tree(triangles)
+    rng = np.random.default_rng(6)
+    for _ in range(25):
+        p = rng.uniform(mesh.bounds[0] - 0.02, mesh.bounds[1] + 0.02)
+        q = p + rng.normal(size=3) * 0.02
+        single = min(segment_distance(build_tree(triangle[None]), p, q, 1.0) for triangle in triangles)
+        assert segment_distance(tree, p, q, 1.0) == pytest.approx(single, abs=1e-12)
+        assert segment_distance(tree, p, q, 0.5 * single) == pytest.approx(0.5 * single, abs=1e-12)
+
+
+@pytest.mark.parametrize(("height", "meets"), [(0.0149, True), (0.0151, False)])
+def test_a_box_meets_a_plane_at_its_corner(height: float, meets: bool) -> None:
+    # A box of half sides 5, 10 and 10 mm turned by 90 degrees about y reaches 10 + 5 mm below its raised centre.
+    plane = np.array([[[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 2.0, 0.0]]])
+    pose = np.eye(4)
+    pose[:3, :3] = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]
+    pose[2, 3] = height - 0.010
+    box = np.vstack([np.eye(3), [0.005, 0.010, 0.010]])
+    gap = box_gap(build_tree(plane), pose, box, np.zeros(3), 0.012)
+    assert (gap < 0.0) == meets
