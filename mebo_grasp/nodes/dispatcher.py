@@ -97,6 +97,11 @@ class Dispatcher(Generic[TrialType]):
         return len(self._waiting) + len(self._sent)
 
     @property
+    def in_flight_count(self) -> int:
+        """Trials sent to a hand that has not answered."""
+        return len(self._sent)
+
+    @property
     def silent_hands(self) -> tuple[str, ...]:
         """Hands that left their last trial unanswered."""
         return tuple(name for name, hand in self._hands.items() if hand.silent)

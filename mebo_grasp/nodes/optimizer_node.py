@@ -229,7 +229,7 @@ class OptimizerNode(Node):
     @guarded_trigger
     def _on_pause(self) -> str:
         self._change_state("pause", ExplorationStatus.EXPLORING, ExplorationStatus.PAUSED)
-        return f"paused; {self._dispatcher.open_count} trials are open"
+        return f"paused; {self._dispatcher.in_flight_count} candidates are out"
 
     @guarded_trigger
     def _on_resume(self) -> str:
@@ -270,7 +270,7 @@ class OptimizerNode(Node):
             state=self._state,
             plan=self._plan,
             progress=self._progress,
-            pending=self._dispatcher.open_count,
+            pending=self._dispatcher.in_flight_count,
             seconds_per_trial=self._pace.seconds_per_trial,
             note=self._note(),
         )

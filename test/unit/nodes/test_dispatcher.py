@@ -19,6 +19,7 @@ def test_gives_out_no_more_than_a_hand_may_hold() -> None:
     dispatcher = make(per_hand=2)
     dispatcher.add(["a", "b", "c"])
     assert [a.trial for a in dispatcher.assign(0.0, ["left"])] == ["a", "b"]
+    assert (dispatcher.in_flight_count, dispatcher.open_count) == (2, 3)
     assert dispatcher.assign(0.0, ["left"]) == []
     assert dispatcher.answer(1) == "a"
     assert [a.trial for a in dispatcher.assign(0.0, ["left"])] == ["c"]
