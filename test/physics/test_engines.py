@@ -76,13 +76,14 @@ def test_segment_distance_over_a_tree_is_the_least_over_its_triangles() -> None:
         assert segment_distance(tree, p, q, 0.5 * single) == pytest.approx(0.5 * single, abs=1e-12)
 
 
-@pytest.mark.parametrize(("height", "meets"), [(0.0149, True), (0.0151, False)])
-def test_a_box_meets_a_plane_at_its_corner(height: float, meets: bool) -> None:
-    # A box of half sides 5, 10 and 10 mm turned by 90 degrees about y reaches 10 + 5 mm below its raised centre.
-    plane = np.array([[[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 2.0, 0.0]]])
+@pytest.mark.parametrize(("height", "meets"), [(0.0149, False), (0.0151, True)])
+def test_a_box_meets_a_plane_at_its_face(height: float, meets: bool) -> None:
+    # The centre lies 10 mm below ``height`` and 20 mm along the group's x axis, which points down: at
+    # ``height`` - 30 mm. The box is 5 mm high there, so its upper face is at ``height`` - 25 mm.
+    plane = np.array([[[-1.0, -1.0, -0.010], [1.0, -1.0, -0.010], [0.0, 2.0, -0.010]]])
     pose = np.eye(4)
     pose[:3, :3] = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]
     pose[2, 3] = height - 0.010
     box = np.vstack([np.eye(3), [0.005, 0.010, 0.010]])
-    gap = box_gap(build_tree(plane), pose, box, np.zeros(3), 0.012)
+    gap = box_gap(build_tree(plane), pose, box, np.array([0.020, 0.0, 0.0]), 0.012)
     assert (gap < 0.0) == meets
