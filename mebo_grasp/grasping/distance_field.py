@@ -257,6 +257,16 @@ def build_field(surface: trimesh.Trimesh, parts: tuple[FloatArray, ...] = ()) ->
 
 
 @njit(cache=True)
+def on_grid(field: DistanceField, x: float, y: float, z: float) -> bool:
+    """Whether a point lies within the grid, where ``sample`` is near the distance and not only a bound of it."""
+    for k, value in enumerate((x, y, z)):
+        at = (value - field.origin[k]) / field.cell
+        if at < 0.0 or at > field.values.shape[k] - 1.0:
+            return False
+    return True
+
+
+@njit(cache=True)
 def sample(field: DistanceField, x: float, y: float, z: float) -> float:
     """Return the interpolated signed distance; outside the grid a lower bound of it."""
     nx, ny, nz = field.values.shape

@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from mebo_grasp.grasping.distance_field import DistanceField, TriangleTree, sample
+from mebo_grasp.grasping.distance_field import DistanceField, TriangleTree, on_grid, sample
 from mebo_grasp.grasping.hand_arrays import BOX, HandArrays
-from mebo_grasp.grasping.mesh_distance import box_gap, segment_distance
+from mebo_grasp.grasping.mesh_distance import box_gap, nearest_points, segment_distance
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -69,12 +69,35 @@ def fast_gap(
     radius = hand.radius[shape]
     if inside:
         return -radius
-    # The field bounds the search: the centres of the covering spheres lie on the axis.
-    bound = QUERY_RANGE + radius
+    return segment_distance(tree, ends[0], ends[1], _axis_bound(hand, field, pose, shape)) - radius
+
+
+@njit(cache=True)
+def _axis_bound(hand: HandArrays, field: DistanceField, pose: FloatArray, shape: int) -> float:
+    """Bound the distance of a rod's axis, on which its covering spheres are centred, by the field's values there."""
+    bound = QUERY_RANGE + hand.radius[shape]
     for i in range(hand.sphere_start[shape], hand.sphere_start[shape + 1]):
         c = hand.sphere_center[i]
         x = pose[0, 0] * c[0] + pose[0, 1] * c[1] + pose[0, 2] * c[2] + pose[0, 3]
         y = pose[1, 0] * c[0] + pose[1, 1] * c[1] + pose[1, 2] * c[2] + pose[1, 3]
         z = pose[2, 0] * c[0] + pose[2, 1] * c[1] + pose[2, 2] * c[2] + pose[2, 3]
-        bound = min(bound, abs(sample(field, x, y, z)) + field.slack)
-    return segment_distance(tree, ends[0], ends[1], bound) - radius
+        if on_grid(field, x, y, z):
+            bound = min(bound, abs(sample(field, x, y, z)) + field.slack)
+    return bound
+
+
+@njit(cache=True)
+def fast_contact(
+    tree: TriangleTree, hand: HandArrays, pose: FloatArray, shape: int, reach: float, out: FloatArray
+) -> float:
+    """Write a capsule's point nearest to the object and the object's into ``out``, shape (2, 3); return the gap.
+
+    Returns ``reach`` and writes nothing if the gap is no smaller. The first point is on the capsule's axis.
+    """
+    ends = np.empty((2, 3))
+    for which in range(2):
+        c = hand.ends[shape, which]
+        for k in range(3):
+            ends[which, k] = pose[k, 0] * c[0] + pose[k, 1] * c[1] + pose[k, 2] * c[2] + pose[k, 3]
+    radius = hand.radius[shape]
+    return nearest_points(tree, ends[0], ends[1], reach + radius, out) - radius

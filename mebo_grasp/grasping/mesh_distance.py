@@ -12,8 +12,8 @@ FloatArray = npt.NDArray[np.float64]
 
 
 @njit(cache=True)
-def segment_segment(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> float:
-    """Return the distance between segments pq and rs (Ericson, 2005, section 5.1.9)."""
+def _segment_segment_places(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> tuple[float, float]:
+    """Return where segments pq and rs are nearest, as shares of their lengths (Ericson, 2005, section 5.1.9)."""
     a = e = b = c = f = 0.0
     for k in range(3):
         d1, d2, w = q[k] - p[k], s[k] - r[k], p[k] - r[k]
@@ -38,6 +38,13 @@ def segment_segment(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) 
         elif u > 1.0:
             u = 1.0
             t = min(max((b - c) / a, 0.0), 1.0)
+    return t, u
+
+
+@njit(cache=True)
+def segment_segment(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> float:
+    """Return the distance between segments pq and rs."""
+    t, u = _segment_segment_places(p, q, r, s)
     total = 0.0
     for k in range(3):
         total += (p[k] + t * (q[k] - p[k]) - r[k] - u * (s[k] - r[k])) ** 2
@@ -113,6 +120,40 @@ def segment_distance(tree: TriangleTree, p: FloatArray, q: FloatArray, bound: fl
         stack[top] = far
         stack[top + 1] = near
         top += 2
+    return best
+
+
+@njit(cache=True)
+def nearest_points(tree: TriangleTree, p: FloatArray, q: FloatArray, bound: float, out: FloatArray) -> float:
+    """Write the nearest points of a segment and of the surface into ``out``, shape (2, 3); return their distance.
+
+    Returns ``bound`` and writes nothing if they are no nearer; the segment must not cross the surface.
+    """
+    best = bound
+    near = segment_distance(tree, p, q, bound)
+    on_surface = np.empty(3)
+    for node in range(tree.right.shape[0]):
+        if tree.right[node] != 0 or _boxes_gap2(tree, node, 0.5 * (p + q), 0.5 * np.abs(q - p)) > near * near * 1.001:
+            continue
+        for i in range(tree.start[node], tree.end[node]):
+            triangle = tree.triangles[i]
+            for end in (p, q):
+                closest_on_triangle(end, triangle, on_surface)
+                best = _take_nearer(end, on_surface, best, out)
+            for k in range(3):
+                first, second = triangle[k], triangle[(k + 1) % 3]
+                t, u = _segment_segment_places(p, q, first, second)
+                best = _take_nearer(p + t * (q - p), first + u * (second - first), best, out)
+    return best
+
+
+@njit(cache=True)
+def _take_nearer(a: FloatArray, b: FloatArray, best: float, out: FloatArray) -> float:
+    distance = np.sqrt(np.sum((a - b) ** 2))
+    if distance < best:
+        out[0] = a
+        out[1] = b
+        return distance
     return best
 
 

@@ -13,7 +13,7 @@ from mebo_grasp.grasping import closing, hand_motion
 from mebo_grasp.grasping.bullet_world import BulletWorld
 from mebo_grasp.grasping.closing import ClosingRule
 from mebo_grasp.grasping.distance_field import build_field, build_tree
-from mebo_grasp.grasping.engine import BULLET, FAST, QUERY_RANGE, Engine
+from mebo_grasp.grasping.engine import BULLET, FAST, QUERY_RANGE, Engine, exact_gap, fast_contact
 from mebo_grasp.grasping.hand_arrays import MOST_JOINTS, build_hand_arrays
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.hand_motion import exempt_touching_pairs
@@ -100,11 +100,25 @@ class GraspSimulator:
             lower, _ = hand_motion.gap_bounds(self._arrays, self._field, pose, shape)
             if lower > reach:
                 continue
-            gap, point, inward = self._world.closest(shape, pose)
+            gap, point, inward = self._closest(shape, pose)
             if gap <= reach and point is not None and inward is not None:
                 normal = np.array(inward) / np.linalg.norm(inward)
                 contacts.append(GraspContact(self._layout.shapes[shape].link, np.array(point), normal))
         return tuple(contacts)
+
+    def _closest(
+        self, shape: int, pose: FloatArray
+    ) -> tuple[float, tuple[float, float, float] | None, tuple[float, float, float] | None]:
+        """Return gap, the object's point and the direction into it, from the engine that closed the hand."""
+        if self.settings.engine == "bullet" or self._layout.shapes[shape].kind not in ("capsule", "sphere"):
+            return self._world.closest(shape, pose)
+        points = np.empty((2, 3))
+        gap = fast_contact(self._tree, self._arrays, pose, shape, QUERY_RANGE, points)
+        if gap >= QUERY_RANGE:
+            return gap, None, None
+        on_axis, on_object = points
+        x, y, z = (on_object - on_axis) / np.linalg.norm(on_object - on_axis)
+        return gap, (float(on_object[0]), float(on_object[1]), float(on_object[2])), (float(x), float(y), float(z))
 
     def _pressing(self) -> set[int]:
         """Return the shapes that one more step of one joint would bring into the object."""
@@ -120,7 +134,7 @@ class GraspSimulator:
                     i = arrays["shape_group"][shape] % MOST_JOINTS
                     if hand_motion.gap_bounds(arrays, self._field, poses["trial"][i], shape)[0] > 0.0:
                         continue
-                    if self._world.closest(shape, poses["trial"][i])[0] <= 0.0:
+                    if exact_gap(self._engine, arrays, self._field, poses["trial"][i], shape) <= 0.0:
                         pressing.add(shape)
         return pressing
 

@@ -10,7 +10,7 @@ from scipy.stats import qmc, spearmanr
 from mebo_grasp.grasp import Grasp, GraspOutcome
 from mebo_grasp.grasping.distance_field import build_tree
 from mebo_grasp.grasping.hand_model import HandModel
-from mebo_grasp.grasping.mesh_distance import box_gap, segment_distance
+from mebo_grasp.grasping.mesh_distance import box_gap, nearest_points, segment_distance
 from mebo_grasp.grasping.pose_space import pose_space_6d
 from mebo_grasp.grasping.simulator import GraspSimulator
 from mebo_grasp.grasping.target_object import TargetObject
@@ -74,6 +74,26 @@ def test_segment_distance_over_a_tree_is_the_least_over_its_triangles() -> None:
         single = min(segment_distance(build_tree(triangle[None]), p, q, 1.0) for triangle in triangles)
         assert segment_distance(tree, p, q, 1.0) == pytest.approx(single, abs=1e-12)
         assert segment_distance(tree, p, q, 0.5 * single) == pytest.approx(0.5 * single, abs=1e-12)
+
+
+def test_nearest_points_are_as_far_apart_as_the_distance_says() -> None:
+    target = TargetObject.builtin("drill")
+    tree = build_tree(np.array(target.mesh.triangles, dtype=np.float64))
+    rng = np.random.default_rng(8)
+    checked = 0
+    while checked < 40:
+        p = rng.uniform(target.bounds[0] - 0.02, target.bounds[1] + 0.02)
+        q = p + rng.normal(size=3) * 0.01
+        distance = segment_distance(tree, p, q, 0.05)
+        if not 1e-4 < distance < 0.05:
+            continue
+        out = np.empty((2, 3))
+        assert nearest_points(tree, p, q, 0.05, out) == pytest.approx(distance, abs=1e-12)
+        assert np.linalg.norm(out[0] - out[1]) == pytest.approx(distance, abs=1e-12)
+        along = np.clip((out[0] - p) @ (q - p) / ((q - p) @ (q - p)), 0.0, 1.0)
+        assert np.linalg.norm(p + along * (q - p) - out[0]) < 1e-9
+        assert np.abs(target.mesh.nearest.on_surface([out[1]])[1][0]) < 1e-9
+        checked += 1
 
 
 @pytest.mark.parametrize(("height", "meets"), [(0.0149, False), (0.0151, True)])
