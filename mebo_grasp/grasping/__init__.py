@@ -2,6 +2,6 @@
 
 from pathlib import Path
 
-from mebo_grasp.grasping.compiled_code import discard_stale_code
+from mebo_grasp.compiled_code import discard_stale_code
 
 discard_stale_code(Path(__file__).parent)

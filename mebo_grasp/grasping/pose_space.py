@@ -142,8 +142,8 @@ def side_approach_bounds(target: TargetObject, hand: HandModel) -> tuple[FloatAr
 
     x (along the fingers): from the object's near edge under the middle of the fingers to its centre near the
     palm. y (approach axis): from a palm at the surface, where the object is slim, to fingers that no longer reach
-    it. z: the object's height. On the thesis's bottle x and y are the thesis's own to within 5 mm; its z begins
-    10 mm lower and ends 26 mm lower.
+    it. z: the object's height. On the thesis's bottle x and y are the thesis's own to within 5 mm; the thesis's
+    z begins 10 mm lower and ends 26 mm lower than this one.
     """
     low, high = target.bounds
     middle = (low + high) / 2.0
@@ -203,15 +203,8 @@ def position_space(
     Raises:
         InvalidSettingsError: bounds out of order.
     """
-    derived_low, derived_high = side_approach_bounds(target, hand)
-    return PoseSpace(
-        POSITION_NAMES,
-        ("m",) * 3,
-        derived_low if lower is None else np.asarray(lower, dtype=np.float64),
-        derived_high if upper is None else np.asarray(upper, dtype=np.float64),
-        np.zeros(3),
-        side_approach_rpy(hand),
-    )
+    derived = side_approach_bounds(target, hand)
+    return _side_space(hand, POSITION_NAMES, ("m",) * 3, derived, (lower, upper))
 
 
 def pose_space_6d(
@@ -233,12 +226,21 @@ def pose_space_6d(
     """
     low, high = side_approach_bounds(target, hand)
     rpy, span = side_approach_rpy(hand), np.array(DEFAULT_ROTATION_SPAN)
-    derived_low, derived_high = np.concatenate([low, rpy - span]), np.concatenate([high, rpy + span])
-    return PoseSpace(
-        (*POSITION_NAMES, *ROTATION_NAMES),
-        ("m",) * 3 + ("rad",) * 3,
-        derived_low if lower is None else np.asarray(lower, dtype=np.float64),
-        derived_high if upper is None else np.asarray(upper, dtype=np.float64),
-        np.zeros(3),
-        rpy,
+    derived = (np.concatenate([low, rpy - span]), np.concatenate([high, rpy + span]))
+    names = (*POSITION_NAMES, *ROTATION_NAMES)
+    return _side_space(hand, names, ("m",) * 3 + ("rad",) * 3, derived, (lower, upper))
+
+
+def _side_space(
+    hand: HandModel,
+    names: tuple[str, ...],
+    units: tuple[str, ...],
+    derived: tuple[FloatArray, FloatArray],
+    given: tuple[npt.ArrayLike | None, npt.ArrayLike | None],
+) -> PoseSpace:
+    """Return a space around the side approach; bounds that are given go before the derived ones."""
+    lower, upper = (
+        own if other is None else np.asarray(other, dtype=np.float64)
+        for own, other in zip(derived, given, strict=True)
     )
+    return PoseSpace(names, units, lower, upper, np.zeros(3), side_approach_rpy(hand))

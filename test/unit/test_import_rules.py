@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("mebo_grasp", "msg_adapters")
 
-GROUND = ("mebo_grasp.grasp", "mebo_grasp.errors")
+GROUND = ("mebo_grasp.grasp", "mebo_grasp.errors", "mebo_grasp.compiled_code")
 OPTIMIZATION = "mebo_grasp.optimization"
 LEAVES = tuple(f"{OPTIMIZATION}.{name}" for name in ("search_space", "initial_design", "observations"))
 
@@ -61,6 +61,7 @@ SOLUTION_VALUES = ("mebo_grasp.solutions.occlusion", "mebo_grasp.solutions.solut
 
 ROOMS = (
     Room("mebo_grasp", (), closed=True),
+    Room("mebo_grasp.compiled_code", ()),
     Room("mebo_grasp.errors", ()),
     Room("mebo_grasp.grasp", ("mebo_grasp.errors",)),
     Room(OPTIMIZATION, GROUND, closed=True),

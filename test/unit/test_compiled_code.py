@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from mebo_grasp.grasping.compiled_code import STAMP, discard_stale_code
+from mebo_grasp.compiled_code import STAMP, discard_stale_code
 
 INNER = "from numba import njit\n\n\n@njit(cache=True)\ndef value():\n    return {}\n"
 OUTER = """
@@ -33,7 +33,7 @@ def _run(folder: Path) -> str:
 
 
 def test_a_change_in_a_called_module_is_seen(tmp_path: Path) -> None:
-    (tmp_path / "outer.py").write_text(OUTER.format(guard="mebo_grasp.grasping.compiled_code"))
+    (tmp_path / "outer.py").write_text(OUTER.format(guard="mebo_grasp.compiled_code"))
     (tmp_path / "inner.py").write_text(INNER.format(1))
     assert _run(tmp_path) == "2"
     assert list((tmp_path / "__pycache__").glob("*.nbi"))
@@ -51,3 +51,15 @@ def test_the_cache_stays_while_nothing_changes(tmp_path: Path) -> None:
     (tmp_path / "__pycache__" / STAMP).unlink()
     assert discard_stale_code(tmp_path)
     assert not kept.exists()
+
+
+def test_every_folder_with_compiled_code_has_the_guard() -> None:
+    package = Path(__file__).parents[2] / "mebo_grasp"
+    compiled = {path.parent for path in package.rglob("*.py") if "@njit" in path.read_text(encoding="utf-8")}
+    assert len(compiled) >= 3
+    unguarded = [
+        folder.name
+        for folder in compiled
+        if "discard_stale_code(Path(__file__).parent)" not in (folder / "__init__.py").read_text(encoding="utf-8")
+    ]
+    assert not unguarded

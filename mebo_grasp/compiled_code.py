@@ -1,8 +1,8 @@
 """Throws away compiled code that no longer fits the sources.
 
 numba compiles a function again when the file that defines it changes, but not when a function that it calls from
-another file does. Here compiled functions call one another across modules, so after any change of this package
-all of its compiled code goes.
+another file does. Within a room compiled functions call one another across modules, so after any change in its
+folder all of the folder's compiled code goes. Every folder with compiled code calls this when it is imported.
 """
 
 from __future__ import annotations
