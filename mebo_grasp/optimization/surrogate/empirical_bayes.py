@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from mebo_grasp.errors import InvalidSettingsError, RunLogError
+from mebo_grasp.errors import RunLogError
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess, Hyperparameters, standardize
 from mebo_grasp.optimization.surrogate.hyperparameters import LearningSettings, learn
 from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel
+from mebo_grasp.optimization.surrogate.relearning import RelearningSchedule
 
 
 class EmpiricalBayesSurrogate:
@@ -33,13 +34,10 @@ class EmpiricalBayesSurrogate:
         kernel: Kernel = MATERN52,
         learning: LearningSettings | None = None,
     ) -> None:
-        if relearn_period < 1:
-            raise InvalidSettingsError(f"relearn_period must be at least 1 iteration, got {relearn_period}")
         self._kernel = kernel
-        self._period = relearn_period
+        self._schedule = RelearningSchedule(relearn_period)
         self._learning = learning or LearningSettings()
         self._hyperparameters = Hyperparameters.default(dim, kernel)
-        self._iterations_since_learning: int | None = None
 
     @property
     def hyperparameters(self) -> Hyperparameters:
@@ -48,23 +46,19 @@ class EmpiricalBayesSurrogate:
 
     def update(self, observations: Observations, rng: np.random.Generator) -> GaussianProcess:
         """Return the posterior given all values; relearns when due. To be called once an iteration."""
-        known = self._iterations_since_learning is not None
-        due = not known or (self._iterations_since_learning or 0) >= self._period
-        # Nothing can be learned from fewer than two values or from equal ones: the prior stays.
-        if due and observations.n >= 2 and np.ptp(observations.y) > 0.0:
+        due = self._schedule.is_due(observations.y)
+        if due:
             z, _, _ = standardize(observations.y)
-            current = self._hyperparameters if known else None
+            current = self._hyperparameters if self._schedule.has_learned else None
             self._hyperparameters, _ = learn(observations.U, z, self._kernel, current, rng, self._learning)
-            self._iterations_since_learning = 0
-        if self._iterations_since_learning is not None:
-            self._iterations_since_learning += 1
+        self._schedule.count(due)
         return GaussianProcess.fit(observations.U, observations.y, self._hyperparameters, self._kernel)
 
     def state(self) -> dict[str, Any]:
         """What ``restore`` needs, as JSON values."""
         return {
             "vector": self._hyperparameters.vector.tolist(),
-            "iterations_since_learning": self._iterations_since_learning,
+            "iterations_since_learning": self._schedule.iterations,
         }
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -84,4 +78,4 @@ class EmpiricalBayesSurrogate:
                 f"got {vector.tolist()}"
             )
         self._hyperparameters = Hyperparameters.from_vector(vector)
-        self._iterations_since_learning = None if count is None else int(count)
+        self._schedule.iterations = None if count is None else int(count)

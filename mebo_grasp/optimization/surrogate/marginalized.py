@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from mebo_grasp.errors import InvalidSettingsError, RunLogError
+from mebo_grasp.errors import RunLogError
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess, Hyperparameters, standardize
 from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel
+from mebo_grasp.optimization.surrogate.relearning import RelearningSchedule
 from mebo_grasp.optimization.surrogate.slice_sampling import SamplingSettings, sample_hyperparameters
 
 
@@ -121,27 +122,21 @@ class MarginalizedSurrogate:
         kernel: Kernel = MATERN52,
         sampling: SamplingSettings | None = None,
     ) -> None:
-        if relearn_period < 1:
-            raise InvalidSettingsError(f"relearn_period must be at least 1 iteration, got {relearn_period}")
         self._kernel = kernel
-        self._period = relearn_period
+        self._schedule = RelearningSchedule(relearn_period)
         self._sampling = sampling or SamplingSettings()
         self._draws = [Hyperparameters.default(dim, kernel)]
-        self._iterations_since_learning: int | None = None
 
     def update(self, observations: Observations, rng: np.random.Generator) -> MarginalizedProcess:
         """Return the posterior given all values; samples anew when due. To be called once an iteration."""
-        known = self._iterations_since_learning is not None
-        due = not known or (self._iterations_since_learning or 0) >= self._period
-        if due and observations.n >= 2 and np.ptp(observations.y) > 0.0:
+        due = self._schedule.is_due(observations.y)
+        if due:
             z, _, _ = standardize(observations.y)
-            current = self._draws[-1] if known else None
+            current = self._draws[-1] if self._schedule.has_learned else None
             self._draws = sample_hyperparameters(
                 observations.U, z, rng, self._kernel, current, self._sampling
             )
-            self._iterations_since_learning = 0
-        if self._iterations_since_learning is not None:
-            self._iterations_since_learning += 1
+        self._schedule.count(due)
         return MarginalizedProcess(
             tuple(GaussianProcess.fit(observations.U, observations.y, h, self._kernel) for h in self._draws)
         )
@@ -150,7 +145,7 @@ class MarginalizedSurrogate:
         """What ``restore`` needs, as JSON values."""
         return {
             "draws": [draw.vector.tolist() for draw in self._draws],
-            "iterations_since_learning": self._iterations_since_learning,
+            "iterations_since_learning": self._schedule.iterations,
         }
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -168,4 +163,4 @@ class MarginalizedSurrogate:
         if vectors.ndim != 2 or vectors.shape[1] != expected or not np.all(np.isfinite(vectors)):
             raise RunLogError(f"the surrogate's state needs draws of {expected} finite parameters")
         self._draws = [Hyperparameters.from_vector(vector) for vector in vectors]
-        self._iterations_since_learning = None if count is None else int(count)
+        self._schedule.iterations = None if count is None else int(count)
