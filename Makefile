@@ -6,14 +6,16 @@ BIN := $(VENV)/bin
 DEMO_OUT ?= out/demo
 # More arguments for pytest, e.g. make test PYTEST_ARGS="test/unit -x"
 PYTEST_ARGS ?=
+# Two tests at a time, each with one BLAS thread; `make test PYTEST_WORKERS=` runs them one after another.
+PYTEST_WORKERS ?= -n 2 --dist loadfile
 # A hanging test is stopped after this many seconds; no test measures itself against it.
 HANG_SECONDS ?= 300
 
 # What `make bench` measures; one BLAS thread each, so that "on one core" means it.
 BENCHES := mebo_grasp.experiments.bench_hand mebo_grasp.experiments.bench_optimizer \
 	mebo_grasp.experiments.bench_solutions mebo_grasp.nodes.bench_nodes
-bench: export OMP_NUM_THREADS = 1
-bench: export OPENBLAS_NUM_THREADS = 1
+bench test test-quick: export OMP_NUM_THREADS = 1
+bench test test-quick: export OPENBLAS_NUM_THREADS = 1
 
 .DEFAULT_GOAL := help
 .PHONY: help setup icub-meshes demo test test-quick lint check-types bench build-ros clean clean-all
@@ -31,10 +33,10 @@ demo: setup  ## Explore the built-in bottle with three real nodes, show the gras
 	$(BIN)/mebo-grasp explore --object bottle --space position --budget 100 --seed 1 --out "$(DEMO_OUT)" --restart
 
 test: setup  ## Run all tests, with real node processes
-	$(BIN)/python -m pytest --timeout=$(HANG_SECONDS) $(PYTEST_ARGS)
+	$(BIN)/python -m pytest --timeout=$(HANG_SECONDS) $(PYTEST_WORKERS) $(PYTEST_ARGS)
 
 test-quick: setup  ## Run the tests that start no nodes and take no ten seconds
-	$(BIN)/python -m pytest --timeout=$(HANG_SECONDS) -m "not nodes and not slow" $(PYTEST_ARGS)
+	$(BIN)/python -m pytest --timeout=$(HANG_SECONDS) $(PYTEST_WORKERS) -m "not nodes and not slow" $(PYTEST_ARGS)
 
 lint: setup  ## Check style and types of code, tests and tools
 	$(BIN)/ruff check .

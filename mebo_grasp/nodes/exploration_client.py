@@ -21,6 +21,9 @@ from mebo_grasp.solutions.occlusion import Occlusion
 from msg_adapters.grasp import from_grasp_quality_msg
 from msg_adapters.occlusion import to_occlusion_msg
 
+RESEND_AFTER = 3.0
+"""Seconds after which a request without an answer is sent again."""
+
 
 @dataclass(frozen=True)
 class Standing:
@@ -174,6 +177,19 @@ class ExplorationClient:
         return tuple(from_grasp_quality_msg(message, expected_frame=self._object_id) for message in messages)
 
     def _call(self, client: Any, request: Any, timeout: float) -> Any:
-        future = client.call_async(request)
-        self.wait_until(future.done, timeout, f"an answer of service {client.srv_name}")
-        return future.result()
+        """Return a service's answer; every service called here may be asked twice without harm.
+
+        A request to a node that was killed, or whose way back is not known yet, gets no answer: it is sent again.
+        """
+        futures = [client.call_async(request)]
+        sent = time.monotonic()
+
+        def answered() -> bool:
+            nonlocal sent
+            if time.monotonic() > sent + RESEND_AFTER:
+                futures.append(client.call_async(request))
+                sent = time.monotonic()
+            return any(future.done() for future in futures)
+
+        self.wait_until(answered, timeout, f"an answer of service {client.srv_name}")
+        return next(future.result() for future in futures if future.done())

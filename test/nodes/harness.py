@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from queue import Empty, Queue
 from typing import Any, Generic, TypeVar
 
 import yaml
@@ -22,6 +23,9 @@ from rclpy.qos import QoSProfile
 
 WAIT = 60.0
 """Limit of a wait in seconds, more than ten times what is expected; no test passes by waiting for it."""
+
+RESEND_AFTER = 5.0
+"""After so many seconds without an answer a request is sent again."""
 
 Message = TypeVar("Message")
 
@@ -160,15 +164,22 @@ class Probe:
         return publisher
 
     def call(self, kind: type, service: str, request: Any, timeout: float = WAIT) -> Any:
-        """Call a service and return its answer."""
+        """Call a service and return its answer.
+
+        A server that was killed stays visible until its DDS lease ends, and one that has just started may be seen
+        before its way back is: a request that went to either gets no answer and is sent again.
+        """
         client = self.node.create_client(kind, service)
         assert client.wait_for_service(timeout), f"service {service} did not appear in {timeout} s"
-        future = client.call_async(request)
-        done = threading.Event()
-        future.add_done_callback(lambda _: done.set())
-        assert done.wait(timeout), f"service {service} did not answer in {timeout} s"
-        self.node.destroy_client(client)
-        return future.result()
+        answered: Queue[Any] = Queue()
+        end = time.monotonic() + timeout
+        while True:
+            client.call_async(request).add_done_callback(answered.put)
+            with contextlib.suppress(Empty):
+                response = answered.get(timeout=RESEND_AFTER).result()
+                self.node.destroy_client(client)
+                return response
+            assert time.monotonic() < end, f"service {service} did not answer in {timeout} s"
 
 
 def wait_until(
