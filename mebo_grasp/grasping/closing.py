@@ -19,7 +19,7 @@ import numpy.typing as npt
 from numba import njit
 
 from mebo_grasp.grasping.distance_field import DistanceField
-from mebo_grasp.grasping.engine import Engine, exact_gap
+from mebo_grasp.grasping.engine import BULLET, Engine, exact_gap
 from mebo_grasp.grasping.hand_arrays import MOST_FINGERS, MOST_JOINTS, MOST_SHAPES, HandArrays
 from mebo_grasp.grasping.hand_motion import (
     HandPoses,
@@ -42,7 +42,7 @@ SMALLEST_MOVE = 2e-4
 """A joint that can move by less than this share of a step counts as blocked."""
 
 FREE, BLOCKED, TOUCHES = 0, 1, 2
-OTHER_LINK = MOST_JOINTS
+OBJECT = -1
 
 
 class ClosingRule(NamedTuple):
@@ -65,8 +65,8 @@ STATE_TYPE = np.dtype(
         ("halted", np.int64, (MOST_FINGERS,)),
         ("credit", np.int64, (MOST_FINGERS,)),
         ("stamp", np.int64, (MOST_FINGERS, MOST_JOINTS)),
-        ("moves", np.int64),
         ("blocked_by", np.int64, (MOST_FINGERS, MOST_JOINTS)),
+        ("blocked_on", np.int64, (MOST_FINGERS, MOST_JOINTS)),
         ("blocked_at", np.int64, (MOST_FINGERS, MOST_JOINTS)),
         ("gap", np.float64, (MOST_SHAPES,)),
         ("gap_stamp", np.int64, (MOST_SHAPES,)),
@@ -82,9 +82,9 @@ done: whether a finger is done in this pass
 halted: whether a finger is stopped for good (rule ``whole_finger``)
 credit: rounds that a finger can close clear of the object
 stamp: number of moves of the group of joint j, which joints up to j move
-moves: number of moves of all
-blocked_by: which joint's group holds a joint up by touching the object; -1 none, OTHER_LINK another link
-blocked_at: stamp of that group (or ``moves``) when it did
+blocked_by: which joint's group holds a joint up by what it touches; -1 if that is not known
+blocked_on: what it touches: a finger, the number of fingers for the still part of the hand, or OBJECT
+blocked_at: moves of both (see ``_moves_of_contact``) when it did
 gap, gap_stamp: exact gap of a shape, and the stamp of its group then; -1 never
 seen: exact gap of a shape in the posture last tried, NaN if a bound was enough
 hit: whether the full step now tried brings a shape into the object
@@ -106,7 +106,6 @@ def _begin(state: ClosingState) -> None:
     state.halted[:] = 0
     state.credit[:] = 0
     state.stamp[:] = 0
-    state.moves = 0
     state.blocked_by[:] = -1
     state.gap_stamp[:] = -1
 
@@ -146,11 +145,11 @@ def run_trial(
 @njit(cache=True)
 def _gap_after(
     hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses,
-    state: ClosingState, f: int, j: int, share: float,
+    state: ClosingState, f: int, j: int, share: float, quick: bool = False,
 ) -> tuple[float, float]:
     """Return the smallest gaps to the object and to the hand after a share of a step.
 
-    Gaps beyond the tolerance may be lower bounds.
+    Gaps beyond the tolerance may be lower bounds; quick ones may differ a little from the engine's.
     """
     turn = share * rule.step * hand.speed[f, j]
     try_joint_value(hand, poses, f, j, poses.joints[f, j] + turn)
@@ -160,7 +159,7 @@ def _gap_after(
         group = f * MOST_JOINTS + i
         for shape in range(hand.group_shapes[group], hand.group_shapes[group + 1]):
             motion = abs(turn) * hand.reach[shape, j]
-            gap = _gap_of_shape_after(hand, field, engine, rule, poses, state, shape, i, motion)
+            gap = _gap_of_shape_after(hand, field, engine, rule, poses, state, shape, i, motion, quick)
             if share == 1.0:
                 state.hit[shape] = 1 if gap <= 0.0 else 0
             if 0.0 < gap <= rule.gap_tolerance and state.hit[shape] == 1 and state.nearest < 0:
@@ -172,7 +171,7 @@ def _gap_after(
 @njit(cache=True)
 def _gap_of_shape_after(
     hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses,
-    state: ClosingState, shape: int, i: int, motion: float,
+    state: ClosingState, shape: int, i: int, motion: float, quick: bool,
 ) -> float:
     """Return a shape's gap at the posture tried, exact where it may be below the tolerance."""
     state.seen[shape] = np.nan
@@ -185,7 +184,7 @@ def _gap_of_shape_after(
         lower = max(lower, gap_bounds(hand, field, poses.trial[i], shape)[0])
     if lower > rule.gap_tolerance:
         return lower
-    state.seen[shape] = exact_gap(engine, hand, field, poses.trial[i], shape)
+    state.seen[shape] = exact_gap(engine, hand, field, poses.trial[i], shape, quick)
     return state.seen[shape]
 
 
@@ -214,40 +213,89 @@ def _confirm_gaps(hand: HandArrays, poses: HandPoses, state: ClosingState, f: in
 def _try_joint(
     hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses,
     state: ClosingState, f: int, j: int,
-) -> tuple[int, float, int]:
+) -> tuple[int, float, int, int]:
     """Find how far a joint can go in one step.
 
     Returns:
-        The outcome, the share of the step, and what holds the joint up: the joint of a touching group, OTHER_LINK for
-        another link, -1 if that is not known.
+        The outcome, the share of the step, and what holds the joint up: the joint of the group that touches, -1 if
+        that is not known, and what it touches.
     """
     to_object, to_hand = _gap_after(hand, field, engine, rule, poses, state, f, j, 1.0)
     if to_object > 0.0 and to_hand > 0.0:
         _keep_gaps(hand, state, f, j)
-        return FREE, 1.0, -1
+        return FREE, 1.0, -1, OBJECT
     by_hand = to_object > 0.0
+    hit_by, hit_finger = poses.near_joint, poses.near_finger
     low, high, high_weight = 0.0, 1.0, min(to_object, to_hand)
-    to_object, to_hand = _gap_after(hand, field, engine, rule, poses, state, f, j, 0.0)
-    low_gap = min(to_object, to_hand)
-    low_weight, holding = low_gap, state.nearest
+    low_gap, holding, on = _gap_and_holder(hand, field, engine, rule, poses, state, f, j, 0.0, by_hand)
+    low_weight = low_gap
     _keep_gaps(hand, state, f, j)
+    share = -1.0
+    if engine.kind == BULLET and not by_hand and low_gap > rule.gap_tolerance:
+        share = _guess(hand, field, engine, rule, poses, state, f, j, low_gap, high_weight)
     for _ in range(MOST_SEARCH_STEPS):
         if low_gap <= rule.gap_tolerance:
             break
-        # Regula falsi towards half the tolerance, kept away from the ends of the bracket; an end that stays
-        # put loses weight (Illinois), or the other end would creep.
-        share = low + (high - low) * (low_weight - 0.5 * rule.gap_tolerance) / (low_weight - high_weight)
-        inset = 0.02 * (high - low)
-        share = min(max(share, low + inset), high - inset)
-        to_object, to_hand = _gap_after(hand, field, engine, rule, poses, state, f, j, share)
-        gap = min(to_object, to_hand)
+        if not low < share < high:
+            share = _between(low, high, low_weight, high_weight, rule.gap_tolerance)
+        gap, i, g = _gap_and_holder(hand, field, engine, rule, poses, state, f, j, share, by_hand)
         if gap > 0.0:
             low, low_gap, low_weight, high_weight = share, gap, gap, 0.5 * high_weight
-            holding = state.nearest
+            holding, on = i, g
             _keep_gaps(hand, state, f, j)
         else:
             high, high_weight, low_weight = share, gap, max(0.5 * low_weight, rule.gap_tolerance)
-    return BLOCKED, low, OTHER_LINK if by_hand else holding
+    if by_hand and (holding != hit_by or on != hit_finger):
+        # It touches one link here and would run into another: either may give way.
+        holding = -1
+    return BLOCKED, low, holding, on
+
+
+@njit(cache=True)
+def _between(low: float, high: float, low_weight: float, high_weight: float, tolerance: float) -> float:
+    """Return the next share to try.
+
+    Regula falsi towards half the tolerance, kept away from the ends of the bracket; an end that stays put loses
+    weight (Illinois), or the other end would creep.
+    """
+    share = low + (high - low) * (low_weight - 0.5 * tolerance) / (low_weight - high_weight)
+    inset = 0.02 * (high - low)
+    return min(max(share, low + inset), high - inset)
+
+
+@njit(cache=True)
+def _guess(
+    hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses,
+    state: ClosingState, f: int, j: int, low_weight: float, high_weight: float,
+) -> float:
+    """Return the share of a step at which the compiled gap is within the tolerance: Bullet's hardly differs."""
+    low, high, share = 0.0, 1.0, 0.5
+    for _ in range(MOST_SEARCH_STEPS):
+        share = _between(low, high, low_weight, high_weight, rule.gap_tolerance)
+        gap = min(*_gap_after(hand, field, engine, rule, poses, state, f, j, share, True))
+        if 0.0 < gap <= rule.gap_tolerance:
+            break
+        if gap > 0.0:
+            low, low_weight, high_weight = share, gap, 0.5 * high_weight
+        else:
+            high, high_weight, low_weight = share, gap, max(0.5 * low_weight, rule.gap_tolerance)
+    return share
+
+
+@njit(cache=True)
+def _gap_and_holder(
+    hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses,
+    state: ClosingState, f: int, j: int, share: float, by_hand: bool,
+) -> tuple[float, int, int]:
+    """Return the smallest gap after a share of a step, the joint of the group that touches there, and what it touches.
+
+    Only a link within the tolerance touches; the joint is -1 if none does.
+    """
+    to_object, to_hand = _gap_after(hand, field, engine, rule, poses, state, f, j, share)
+    gap = min(to_object, to_hand)
+    if not by_hand:
+        return gap, state.nearest, OBJECT
+    return gap, poses.near_joint if 0.0 < to_hand <= rule.gap_tolerance else -1, poses.near_finger
 
 
 @njit(cache=True)
@@ -276,7 +324,15 @@ def _at_limit(hand: HandArrays, rule: ClosingRule, poses: HandPoses, f: int, j: 
 @njit(cache=True)
 def _stamp_move(state: ClosingState, f: int, j: int) -> None:
     state.stamp[f, j:] += 1
-    state.moves += 1
+
+
+@njit(cache=True)
+def _moves_of_contact(hand: HandArrays, state: ClosingState, f: int, i: int, on: int) -> int:
+    """Count the moves of group i of finger f and of what it touches; the object and the palm never move."""
+    moves = state.stamp[f, i]
+    if 0 <= on < hand.fingers:
+        moves += state.stamp[on, MOST_JOINTS - 1]
+    return moves
 
 
 @njit(cache=True)
@@ -311,10 +367,8 @@ def _stands(hand: HandArrays, rule: ClosingRule, poses: HandPoses, state: Closin
     """Whether a joint need not be tried: halted, at its limit, or held up by what has not moved since."""
     if state.halted[f] == 1 or _at_limit(hand, rule, poses, f, j):
         return True
-    holding = state.blocked_by[f, j]
-    if holding == OTHER_LINK:
-        return state.blocked_at[f, j] == state.moves
-    return holding >= 0 and state.blocked_at[f, j] == state.stamp[f, holding]
+    i = state.blocked_by[f, j]
+    return i >= 0 and state.blocked_at[f, j] == _moves_of_contact(hand, state, f, i, state.blocked_on[f, j])
 
 
 @njit(cache=True)
@@ -325,7 +379,7 @@ def _step_joint(
     """Try one step of one joint; return whether it moved."""
     if _stands(hand, rule, poses, state, f, j):
         return False
-    outcome, share, holding = _try_joint(hand, field, engine, rule, poses, state, f, j)
+    outcome, share, holding, on = _try_joint(hand, field, engine, rule, poses, state, f, j)
     moved = share > 0.0
     if moved:
         poses.joints[f, j] += share * rule.step * hand.speed[f, j]
@@ -333,12 +387,10 @@ def _step_joint(
         place_finger(hand, poses, f, j)
         _stamp_move(state, f, j)
     _confirm_gaps(hand, poses, state, f, j)
-    state.blocked_by[f, j] = holding
-    if holding == OTHER_LINK:
-        state.blocked_at[f, j] = state.moves
-    elif holding >= 0:
-        state.blocked_at[f, j] = state.stamp[f, holding]
-    if rule.whole_finger and outcome == BLOCKED and holding != OTHER_LINK:
+    state.blocked_by[f, j], state.blocked_on[f, j] = holding, on
+    if holding >= 0:
+        state.blocked_at[f, j] = _moves_of_contact(hand, state, f, holding, on)
+    if rule.whole_finger and outcome == BLOCKED and on == OBJECT:
         state.halted[f] = 1
     return share > SMALLEST_MOVE
 
@@ -385,3 +437,15 @@ def close_fingers(
         if not pass_moved:
             break
     return rounds
+
+
+@njit(cache=True)
+def free_shares(
+    hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses, state: ClosingState,
+    shares: FloatArray,
+) -> None:
+    """Write how much of a step each joint of a closed hand could still make, shape (fingers, MOST_JOINTS)."""
+    for f in range(hand.fingers):
+        for j in range(hand.joint_count[f]):
+            if not _at_limit(hand, rule, poses, f, j):
+                _, shares[f, j], _, _ = _try_joint(hand, field, engine, rule, poses, state, f, j)

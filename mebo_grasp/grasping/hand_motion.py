@@ -46,6 +46,8 @@ POSES_TYPE = np.dtype(
         ("still_bound", np.float64, (MOST_SHAPES,)),
         ("slab_normal", np.float64, (MOST_FINGERS, 3)),
         ("slab", np.float64, (MOST_FINGERS, 2)),
+        ("near_joint", np.int64),
+        ("near_finger", np.int64),
     ],
     align=True,
 )
@@ -60,6 +62,8 @@ box_axes: axes of a box as rows
 bound: lower bound on each shape's gap to the object, carried along while it moves
 still_bound: the same for its gap to the still part of the hand
 slab_normal, slab: of the slab that each finger never leaves
+near_joint, near_finger: of the gap that ``self_gap_of_finger`` last returned: the joint whose group has it, and the
+    finger it is to; the number of fingers if it is to the still part
 """
 
 HandPoses: TypeAlias = Any
@@ -287,9 +291,9 @@ def _slab_gap(hand: HandArrays, poses: HandPoses, shape: int, ends: FloatArray, 
 
 
 @njit(cache=True)
-def _gap_to_fingers(hand: HandArrays, poses: HandPoses, shape: int, ends: FloatArray) -> float:
-    """Return the smallest gap between a shape with its ends at ``ends`` and the other fingers."""
-    smallest, clear = np.inf, -1
+def _gap_to_fingers(hand: HandArrays, poses: HandPoses, shape: int, ends: FloatArray) -> tuple[float, int]:
+    """Return the smallest gap between a shape with its ends at ``ends`` and the other fingers, and which of them."""
+    smallest, nearest, clear = np.inf, -1, -1
     for i in range(hand.pair_start[shape], hand.pair_start[shape + 1]):
         other = hand.pair_other[i]
         g = hand.shape_group[other] // MOST_JOINTS
@@ -300,10 +304,11 @@ def _gap_to_fingers(hand: HandArrays, poses: HandPoses, shape: int, ends: FloatA
         apart = _slab_gap(hand, poses, shape, ends, g)
         if apart > SELF_GAP_OF_INTEREST:
             clear = g
-            smallest = min(smallest, apart)
-            continue
-        smallest = min(smallest, _self_gap(hand, poses, shape, ends, other, min(smallest, SELF_GAP_OF_INTEREST)))
-    return smallest
+        else:
+            apart = _self_gap(hand, poses, shape, ends, other, min(smallest, SELF_GAP_OF_INTEREST))
+        if apart < smallest:
+            smallest, nearest = apart, g
+    return smallest, nearest
 
 
 @njit(cache=True)
@@ -351,9 +356,12 @@ def self_gap_of_finger(hand: HandArrays, poses: HandPoses, f: int, first: int, t
                 _shape_ends(hand, poses.trial[j], shape, ends)
             else:
                 ends[:] = poses.ends[shape]
-            motion = abs(turn) * hand.reach[shape, first]
-            smallest = min(smallest, _gap_to_fingers(hand, poses, shape, ends))
-            smallest = min(smallest, _gap_to_still_part(hand, poses, shape, ends, motion))
+            gap, other = _gap_to_fingers(hand, poses, shape, ends)
+            still = _gap_to_still_part(hand, poses, shape, ends, abs(turn) * hand.reach[shape, first])
+            if still < gap:
+                gap, other = still, hand.fingers
+            if gap < smallest:
+                smallest, poses.near_joint, poses.near_finger = gap, j, other
     return smallest
 
 

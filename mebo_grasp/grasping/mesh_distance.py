@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from mebo_grasp.grasping.distance_field import TriangleTree, closest_on_triangle
+from mebo_grasp.grasping.triangle_tree import TriangleTree, closest_on_triangle
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -54,17 +54,22 @@ def segment_segment(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) 
 @njit(cache=True)
 def _crosses(p: FloatArray, q: FloatArray, triangle: FloatArray) -> bool:
     """Whether the segment pq passes through a triangle (Moeller and Trumbore, 1997)."""
-    e1, e2, d, w = triangle[1] - triangle[0], triangle[2] - triangle[0], q - p, p - triangle[0]
-    h0, h1, h2 = d[1] * e2[2] - d[2] * e2[1], d[2] * e2[0] - d[0] * e2[2], d[0] * e2[1] - d[1] * e2[0]
-    det = e1[0] * h0 + e1[1] * h1 + e1[2] * h2
+    a, b, c = triangle[0], triangle[1], triangle[2]
+    # Scalars, since a small array for each difference would cost more than all the rest.
+    e10, e11, e12 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    e20, e21, e22 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    d0, d1, d2 = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    w0, w1, w2 = p[0] - a[0], p[1] - a[1], p[2] - a[2]
+    h0, h1, h2 = d1 * e22 - d2 * e21, d2 * e20 - d0 * e22, d0 * e21 - d1 * e20
+    det = e10 * h0 + e11 * h1 + e12 * h2
     if abs(det) < 1e-20:
         return False
-    u = (w[0] * h0 + w[1] * h1 + w[2] * h2) / det
+    u = (w0 * h0 + w1 * h1 + w2 * h2) / det
     if u < 0.0 or u > 1.0:
         return False
-    g0, g1, g2 = w[1] * e1[2] - w[2] * e1[1], w[2] * e1[0] - w[0] * e1[2], w[0] * e1[1] - w[1] * e1[0]
-    v = (d[0] * g0 + d[1] * g1 + d[2] * g2) / det
-    t = (e2[0] * g0 + e2[1] * g1 + e2[2] * g2) / det
+    g0, g1, g2 = w1 * e12 - w2 * e11, w2 * e10 - w0 * e12, w0 * e11 - w1 * e10
+    v = (d0 * g0 + d1 * g1 + d2 * g2) / det
+    t = (e20 * g0 + e21 * g1 + e22 * g2) / det
     return v >= 0.0 and u + v <= 1.0 and 0.0 <= t <= 1.0
 
 
@@ -98,9 +103,24 @@ def _boxes_gap2(tree: TriangleTree, node: int, middle: FloatArray, half: FloatAr
 
 
 @njit(cache=True)
-def segment_distance(tree: TriangleTree, p: FloatArray, q: FloatArray, bound: float) -> float:
-    """Return the distance between a segment and the surface, at most ``bound``; 0 where they cross."""
-    best = bound
+def _ball_gap(p: FloatArray, q: FloatArray, ball: FloatArray) -> float:
+    """Return the gap between the segment pq and a ball, its centre and radius in one row; negative if they meet."""
+    along = length2 = 0.0
+    for k in range(3):
+        d = q[k] - p[k]
+        along += (ball[k] - p[k]) * d
+        length2 += d * d
+    t = min(max(along / length2, 0.0), 1.0) if length2 > 0.0 else 0.0
+    total = 0.0
+    for k in range(3):
+        total += (p[k] + t * (q[k] - p[k]) - ball[k]) ** 2
+    return np.sqrt(total) - ball[3]
+
+
+@njit(cache=True)
+def _nearest_triangle(tree: TriangleTree, p: FloatArray, q: FloatArray, bound: float) -> tuple[float, int]:
+    """Return the distance between a segment and the surface and the triangle; ``bound`` and -1 if not below it."""
+    best, found = bound, -1
     scratch, stack = np.empty(3), np.empty(64, np.int64)
     middle, half = 0.5 * (p + q), 0.5 * np.abs(q - p)
     stack[0] = 0
@@ -108,19 +128,28 @@ def segment_distance(tree: TriangleTree, p: FloatArray, q: FloatArray, bound: fl
     while top > 0 and best > 0.0:
         top -= 1
         node = stack[top]
-        if _boxes_gap2(tree, node, middle, half) >= best * best:
+        if _ball_gap(p, q, tree.ball[node]) >= best or _boxes_gap2(tree, node, middle, half) >= best * best:
             continue
         if tree.right[node] == 0:
             for i in range(tree.start[node], tree.end[node]):
-                best = min(best, _segment_triangle(p, q, tree.triangles[i], scratch))
+                if _ball_gap(p, q, tree.triangle_ball[i]) < best:
+                    distance = _segment_triangle(p, q, tree.triangles[i], scratch)
+                    if distance < best:
+                        best, found = distance, i
             continue
         near, far = node + 1, tree.right[node]
-        if _boxes_gap2(tree, far, middle, half) < _boxes_gap2(tree, near, middle, half):
+        if _ball_gap(p, q, tree.ball[far]) < _ball_gap(p, q, tree.ball[near]):
             near, far = far, near
         stack[top] = far
         stack[top + 1] = near
         top += 2
-    return best
+    return best, found
+
+
+@njit(cache=True)
+def segment_distance(tree: TriangleTree, p: FloatArray, q: FloatArray, bound: float) -> float:
+    """Return the distance between a segment and the surface, at most ``bound``; 0 where they cross."""
+    return _nearest_triangle(tree, p, q, bound)[0]
 
 
 @njit(cache=True)
@@ -129,21 +158,17 @@ def nearest_points(tree: TriangleTree, p: FloatArray, q: FloatArray, bound: floa
 
     Returns ``bound`` and writes nothing if they are no nearer; the segment must not cross the surface.
     """
-    best = bound
-    near = segment_distance(tree, p, q, bound)
-    on_surface = np.empty(3)
-    for node in range(tree.right.shape[0]):
-        if tree.right[node] != 0 or _boxes_gap2(tree, node, 0.5 * (p + q), 0.5 * np.abs(q - p)) > near * near * 1.001:
-            continue
-        for i in range(tree.start[node], tree.end[node]):
-            triangle = tree.triangles[i]
-            for end in (p, q):
-                closest_on_triangle(end, triangle, on_surface)
-                best = _take_nearer(end, on_surface, best, out)
-            for k in range(3):
-                first, second = triangle[k], triangle[(k + 1) % 3]
-                t, u = _segment_segment_places(p, q, first, second)
-                best = _take_nearer(p + t * (q - p), first + u * (second - first), best, out)
+    distance, i = _nearest_triangle(tree, p, q, bound)
+    if i < 0:
+        return distance
+    triangle, best, on_surface = tree.triangles[i], np.inf, np.empty(3)
+    for end in (p, q):
+        closest_on_triangle(end, triangle, on_surface)
+        best = _take_nearer(end, on_surface, best, out)
+    for k in range(3):
+        first, second = triangle[k], triangle[(k + 1) % 3]
+        t, u = _segment_segment_places(p, q, first, second)
+        best = _take_nearer(p + t * (q - p), first + u * (second - first), best, out)
     return best
 
 

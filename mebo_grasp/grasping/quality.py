@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from mebo_grasp.grasp import GraspContact
 from mebo_grasp.grasping import wrench_space
+from mebo_grasp.grasping.contacts import Contacts
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.grasping.trial import TrialSettings
 
@@ -29,11 +27,10 @@ def torque_length(target: TargetObject, settings: TrialSettings) -> float:
 
 
 def measure(
-    contacts: tuple[GraspContact, ...], target: TargetObject, settings: TrialSettings
+    contacts: Contacts, target: TargetObject, settings: TrialSettings
 ) -> GraspMetrics:
     """Compute the metrics of a set of contacts on an object."""
-    positions = np.array([contact.position for contact in contacts])
-    normals = np.array([contact.normal for contact in contacts])
+    positions, normals = contacts.points, contacts.normals
     length = torque_length(target, settings)
     wrenches = wrench_space.contact_wrenches(
         positions, normals, settings.friction, settings.cone_edges, target.center_of_mass, length

@@ -12,16 +12,16 @@ from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, HandPosture, Pos
 from mebo_grasp.grasping import closing, hand_motion
 from mebo_grasp.grasping.bullet_world import BulletWorld
 from mebo_grasp.grasping.closing import ClosingRule
-from mebo_grasp.grasping.distance_field import build_field, build_tree
-from mebo_grasp.grasping.engine import BULLET, FAST, QUERY_RANGE, Engine, exact_gap, fast_contact
+from mebo_grasp.grasping.contacts import ContactFinder
+from mebo_grasp.grasping.distance_field import build_field
+from mebo_grasp.grasping.engine import BULLET, FAST, Engine
 from mebo_grasp.grasping.hand_arrays import MOST_JOINTS, build_hand_arrays
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.hand_motion import exempt_touching_pairs
 from mebo_grasp.grasping.quality import GraspMetrics, measure
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.grasping.trial import TrialSettings
-
-FloatArray = npt.NDArray[np.float64]
+from mebo_grasp.grasping.triangle_tree import build_tree
 
 
 class GraspSimulator:
@@ -44,14 +44,18 @@ class GraspSimulator:
         exempt_touching_pairs(self._arrays)
         self._state = closing.new_state()
         self._poses = hand_motion.new_poses()
-        self._field = build_field(target.mesh, target.solid_parts)
+        bullet = self.settings.engine == "bullet"
+        surface = target.parts_surface if bullet else target.mesh
+        self._field = build_field(surface, target.solid_parts)
         self._rule = ClosingRule(self.settings.step, self.settings.gap_tolerance, self.settings.whole_finger)
-        self._static_group = len(hand.fingers) * MOST_JOINTS
-        self._tree = build_tree(np.array(target.mesh.triangles, dtype=np.float64))
-        self._pose = np.eye(4)
-        self._world = BulletWorld(target, self._layout.shapes, self._layout.T_group_shape, self._pose)
-        kind = BULLET if self.settings.engine == "bullet" else FAST
-        self._engine = Engine(kind, self._world.callback, self._pose, self._tree)
+        tree, asked_at = build_tree(np.array(surface.triangles, dtype=np.float64)), np.eye(4)
+        self._world = BulletWorld(target, self._layout.shapes, self._layout.T_group_shape, asked_at)
+        rods = np.array([shape.kind in ("capsule", "sphere") for shape in self._layout.shapes])
+        screened = rods & bool(target.solid_parts)
+        self._engine = Engine(BULLET if bullet else FAST, self._world.callback, asked_at, tree, screened)
+        self._finder = ContactFinder(
+            self._arrays, self._layout, self._field, self._engine, self._world, self._rule, self.settings
+        )
 
     def trial(self, T_object_tcp: Pose) -> Grasp:
         """Execute one trial.
@@ -70,11 +74,22 @@ class GraspSimulator:
         self._world.raise_pending()
         if not closed:
             return self._grasp(T_object_tcp, GraspOutcome.COLLISION, (), GraspMetrics(), begun)
-        contacts = self._contacts()
-        if not contacts:
+        touching = self._finder.find(self._poses)
+        if not touching.links:
             return self._grasp(T_object_tcp, GraspOutcome.NO_CONTACT, (), GraspMetrics(), begun)
-        metrics = measure(contacts, self.target, self.settings)
+        metrics = measure(touching, self.target, self.settings)
+        contacts = tuple(map(GraspContact, *touching))
         return self._grasp(T_object_tcp, GraspOutcome.GRASPED, contacts, metrics, begun)
+
+    def free_shares(self) -> npt.NDArray[np.float64]:
+        """Return how much of one more step each closing joint could make after the last trial, shape (joints,)."""
+        shares = np.zeros((len(self.hand.fingers), MOST_JOINTS))
+        closing.free_shares(
+            self._arrays, self._field, self._engine, self._rule, self._poses, self._state, shares
+        )
+        self._world.raise_pending()
+        used = np.arange(MOST_JOINTS) < self._arrays["joint_count"][: len(shares), None]
+        return shares[used]
 
     def close(self) -> None:
         """Free the physics engine; closing twice does no harm."""
@@ -88,71 +103,10 @@ class GraspSimulator:
     ) -> None:
         self.close()
 
-    def _contacts(self) -> tuple[GraspContact, ...]:
-        """Return a contact for each link that touches, at the final posture."""
-        contacts = []
-        pressing = self._pressing() if self.settings.contact_rule == "pressing" else set()
-        for shape in range(len(self._layout.shapes)):
-            reach = self._contact_reach(shape, shape in pressing)
-            if reach <= 0.0:
-                continue
-            pose = self._group_pose(shape)
-            lower, _ = hand_motion.gap_bounds(self._arrays, self._field, pose, shape)
-            if lower > reach:
-                continue
-            gap, point, inward = self._closest(shape, pose)
-            if gap <= reach and point is not None and inward is not None:
-                normal = np.array(inward) / np.linalg.norm(inward)
-                contacts.append(GraspContact(self._layout.shapes[shape].link, np.array(point), normal))
-        return tuple(contacts)
-
-    def _closest(
-        self, shape: int, pose: FloatArray
-    ) -> tuple[float, tuple[float, float, float] | None, tuple[float, float, float] | None]:
-        """Return gap, the object's point and the direction into it, from the engine that closed the hand."""
-        if self.settings.engine == "bullet" or self._layout.shapes[shape].kind not in ("capsule", "sphere"):
-            return self._world.closest(shape, pose)
-        points = np.empty((2, 3))
-        gap = fast_contact(self._tree, self._arrays, pose, shape, QUERY_RANGE, points)
-        if gap >= QUERY_RANGE:
-            return gap, None, None
-        on_axis, on_object = points
-        x, y, z = (on_object - on_axis) / np.linalg.norm(on_object - on_axis)
-        return gap, (float(on_object[0]), float(on_object[1]), float(on_object[2])), (float(x), float(y), float(z))
-
-    def _pressing(self) -> set[int]:
-        """Return the shapes that one more step of one joint would bring into the object."""
-        arrays, poses, pressing = self._arrays, self._poses, set()
-        for f in range(int(arrays["fingers"])):
-            for j in range(arrays["joint_count"][f]):
-                value = poses["joints"][f, j] + self._rule.step * arrays["speed"][f, j]
-                if not arrays["lower"][f, j] <= value <= arrays["upper"][f, j]:
-                    continue
-                hand_motion.try_joint_value(arrays, poses, f, j, value)
-                first, last = arrays["group_shapes"][[f * MOST_JOINTS + j, (f + 1) * MOST_JOINTS]]
-                for shape in range(int(first), int(last)):
-                    i = arrays["shape_group"][shape] % MOST_JOINTS
-                    if hand_motion.gap_bounds(arrays, self._field, poses["trial"][i], shape)[0] > 0.0:
-                        continue
-                    if exact_gap(self._engine, arrays, self._field, poses["trial"][i], shape) <= 0.0:
-                        pressing.add(shape)
-        return pressing
-
-    def _contact_reach(self, shape: int, pressing: bool) -> float:
-        """Return the gap within which a shape gives a contact; 0 if it gives none."""
-        if self._arrays["shape_group"][shape] == self._static_group:
-            return self.settings.palm_distance if self.settings.palm_contacts else 0.0
-        return QUERY_RANGE if pressing else self.settings.gap_tolerance
-
-    def _group_pose(self, shape: int) -> FloatArray:
-        pose: FloatArray = self._poses["group"][self._arrays["shape_group"][shape]]
-        return pose
-
     def _posture(self) -> HandPosture:
         values = dict(zip(self.hand.preshape.names, self.hand.preshape.positions, strict=True))
-        for f, joints in enumerate(self._layout.joints):
-            for j, name in enumerate(joints):
-                values[name] = float(self._poses["joints"][f, j])
+        for joints, angles in zip(self._layout.joints, self._poses["joints"].tolist(), strict=False):
+            values.update(zip(joints, angles, strict=False))
         return HandPosture(tuple(values), tuple(values.values()))
 
     def _grasp(

@@ -118,7 +118,7 @@ class TargetObject:
             return cls.builtin(name, scale)
         return cls.from_file(name_or_path, scale)
 
-    @property
+    @cached_property
     def bounds(self) -> FloatArray:
         """Corners of the axis-aligned box in the object frame, shape (2, 3), metres."""
         return np.array(self.mesh.bounds, dtype=np.float64)
@@ -138,6 +138,13 @@ class TargetObject:
     def convex_parts(self) -> list[FloatArray]:
         """Convex parts that stand for the solid, each (n, 3) vertices; the hull if nothing finer is known."""
         return list(self.solid_parts) or [np.array(self.mesh.convex_hull.vertices)]
+
+    @cached_property
+    def parts_surface(self) -> trimesh.Trimesh:
+        """The surfaces of all convex parts together, those inside other parts included; the mesh without parts."""
+        if not self.solid_parts:
+            return self.mesh
+        return trimesh.util.concatenate([trimesh.PointCloud(part).convex_hull for part in self.solid_parts])
 
     @cached_property
     def center_of_mass(self) -> FloatArray:

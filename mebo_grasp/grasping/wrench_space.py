@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasping.polytope import hull_volume, origin_distance
@@ -34,32 +35,52 @@ def cone_edges(normals: FloatArray, friction: float, edges: int) -> FloatArray:
         return normals[:, None, :].copy()
     if edges < 3:
         raise InvalidSettingsError(f"a friction pyramid needs at least 3 edges, got {edges}")
-    tangents, bitangents = _tangents(normals)
-    angles = 2.0 * np.pi * np.arange(edges) / edges
-    rim = (
-        np.cos(angles)[None, :, None] * tangents[:, None, :]
-        + np.sin(angles)[None, :, None] * bitangents[:, None, :]
-    )
-    directions: FloatArray = (normals[:, None, :] + friction * rim) / np.sqrt(1.0 + friction * friction)
+    directions = np.empty((len(normals), edges, 3))
+    _fill_cones(np.ascontiguousarray(normals), friction, directions)
     return directions
 
 
-def _tangents(normals: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return two unit vectors that complete each normal: the images of x and y under the shortest turn from z."""
-    x, y, z = normals.T
-    # Turning z onto n by the shortest way; for n = -z any half turn will do, here the one about x.
+@njit(cache=True)
+def _fill_cones(normals: FloatArray, friction: float, directions: FloatArray) -> None:
+    """Write the unit edges of each pyramid, shape (n, edges, 3)."""
+    edges, scale = directions.shape[1], 1.0 / np.sqrt(1.0 + friction * friction)
+    frames = contact_frames(normals)
+    for i in range(len(normals)):
+        frame = frames[i]
+        for j in range(edges):
+            angle = 2.0 * np.pi * j / edges
+            c, s = friction * np.cos(angle), friction * np.sin(angle)
+            for k in range(3):
+                directions[i, j, k] = scale * (frame[0, k] + c * frame[1, k] + s * frame[2, k])
+
+
+@njit(cache=True)
+def contact_frames(normals: FloatArray) -> FloatArray:
+    """Return for each unit normal, shape (n, 3), itself and two unit tangents as rows, shape (n, 3, 3)."""
+    frames = np.empty((len(normals), 3, 3))
+    for i in range(len(normals)):
+        _contact_frame(normals[i], frames[i])
+    return frames
+
+
+@njit(cache=True)
+def _contact_frame(normal: FloatArray, frame: FloatArray) -> None:
+    """Write a unit normal and two unit tangents as the rows of ``frame``, shape (3, 3).
+
+    The tangents are the images of x and y under the shortest turn from z to the normal.
+    """
+    x, y, z = normal[0], normal[1], normal[2]
+    frame[0] = normal
     # 1 / (1 + z) loses all its digits near z = -1; with x^2 + y^2 = (1 + z) (1 - z) it keeps them.
     across = x * x + y * y
-    below = (z < 0.0) & (across < 1e-24)
-    k = np.where(
-        z < 0.0, (1.0 - z) / np.where(below, 1.0, np.maximum(across, 1e-24)), 1.0 / (1.0 + np.abs(z))
-    )
-    k[below] = 0.0
-    tangents = np.column_stack([1.0 - k * x * x, -k * x * y, -x])
-    bitangents = np.column_stack([-k * x * y, 1.0 - k * y * y, -y])
-    tangents[below] = (1.0, 0.0, 0.0)
-    bitangents[below] = (0.0, -1.0, 0.0)
-    return tangents, bitangents
+    if z < 0.0 and across < 1e-24:
+        # For n = -z any half turn will do, here the one about x.
+        frame[1, 0], frame[1, 1], frame[1, 2] = 1.0, 0.0, 0.0
+        frame[2, 0], frame[2, 1], frame[2, 2] = 0.0, -1.0, 0.0
+        return
+    k = (1.0 - z) / across if z < 0.0 else 1.0 / (1.0 + z)
+    frame[1, 0], frame[1, 1], frame[1, 2] = 1.0 - k * x * x, -k * x * y, -x
+    frame[2, 0], frame[2, 1], frame[2, 2] = -k * x * y, 1.0 - k * y * y, -y
 
 
 def contact_wrenches(
@@ -92,9 +113,23 @@ def contact_wrenches(
         raise InvalidSettingsError(
             f"contacts must be finite, one normal each; got {len(p)} and {len(n)} normals"
         )
-    forces = cone_edges(n, friction, edges)
-    torques = np.cross(p[:, None, :], forces) / torque_length
-    return np.concatenate([forces, torques], axis=2).reshape(-1, 6)
+    return _with_torques(p, cone_edges(n, friction, edges), torque_length)
+
+
+@njit(cache=True)
+def _with_torques(arms: FloatArray, forces: FloatArray, torque_length: float) -> FloatArray:
+    """Return the wrenches, shape (n * m, 6), of m forces at each of n points, shapes (n, m, 3) and (n, 3)."""
+    n, m = forces.shape[:2]
+    wrenches = np.empty((n * m, 6))
+    for i in range(n):
+        a = arms[i]
+        for j in range(m):
+            f, w = forces[i, j], wrenches[i * m + j]
+            w[:3] = f
+            w[3] = (a[1] * f[2] - a[2] * f[1]) / torque_length
+            w[4] = (a[2] * f[0] - a[0] * f[2]) / torque_length
+            w[5] = (a[0] * f[1] - a[1] * f[0]) / torque_length
+    return wrenches
 
 
 def epsilon(wrenches: FloatArray) -> float:
@@ -124,10 +159,7 @@ def isotropy(
     n = np.asarray(normals, dtype=np.float64).reshape(-1, 3)
     if len(p) == 0:
         return 0.0
-    tangents, bitangents = _tangents(n)
-    axes = np.stack([n, tangents, bitangents], axis=1).reshape(-1, 3)
-    arms = np.repeat(p, 3, axis=0)
-    G = np.vstack([axes.T, np.cross(arms, axes).T / torque_length])
+    G = _with_torques(p, contact_frames(np.ascontiguousarray(n)), torque_length)
     singular = np.linalg.svd(G, compute_uv=False)
     if singular[0] <= 0.0 or len(singular) < 6:
         return 0.0

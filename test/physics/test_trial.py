@@ -13,6 +13,7 @@ from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.pose_space import position_space
 from mebo_grasp.grasping.simulator import GraspSimulator
 from mebo_grasp.grasping.target_object import TargetObject
+from mebo_grasp.grasping.trial import EngineName, TrialSettings
 
 TARGET, HAND = TargetObject.builtin("bottle"), HandModel.load("icub_left")
 SPACE = position_space(TARGET, HAND)
@@ -65,6 +66,21 @@ def test_closed_hands_keep_their_limits_and_their_outcomes(tried: list[tuple[Pos
         assert bool(grasp.contacts) == (grasp.outcome is GraspOutcome.GRASPED)
         if grasp.outcome is not GraspOutcome.GRASPED:
             assert grasp.quality == 0.0
+
+
+@pytest.mark.parametrize("engine", ["bullet", "fast"])
+@pytest.mark.parametrize("name", ["bottle", "mug"])
+def test_no_joint_of_a_closed_hand_can_move_on(name: str, engine: EngineName) -> None:
+    target = TargetObject.builtin(name)
+    space, rng, joints = position_space(target, HAND), np.random.default_rng(4), 0
+    with GraspSimulator(target, HAND, TrialSettings(engine=engine, compute_volume=False)) as simulator:
+        for x in rng.uniform(space.lower, space.upper, (100, space.dimension)):
+            if simulator.trial(space.to_pose(x)).outcome is GraspOutcome.COLLISION:
+                continue
+            shares = simulator.free_shares()
+            joints += shares.size
+            assert shares.max() <= 0.01
+    assert joints > 300
 
 
 def test_far_away_nothing_is_touched_and_inside_the_hand_collides() -> None:

@@ -1,0 +1,165 @@
+"""A tree of bounding volumes over an object's triangles, and the nearest surface point to a point.
+
+A node has a box and a ball: the box fits flat parts, the ball rejects what a slanting rod's own box would not.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+LEAF_SIZE = 4
+
+
+class TriangleTree(NamedTuple):
+    """Bounding boxes and balls over triangles, in depth-first order.
+
+    Attributes:
+        triangles: (n, 3, 3) corners, sorted by leaf.
+        lower, upper: (m, 3) boxes of the nodes.
+        ball: (m, 4) centre and radius of a ball about each node's triangles.
+        triangle_ball: (n, 4) the same for each triangle.
+        right: (m,) index of a node's second child; 0 marks a leaf (the first child follows its parent).
+        start, end: (m,) range of a leaf's triangles.
+        order: (n,) index of each sorted triangle in the mesh.
+    """
+
+    triangles: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    ball: FloatArray
+    triangle_ball: FloatArray
+    right: IntArray
+    start: IntArray
+    end: IntArray
+    order: IntArray
+
+
+def build_tree(triangles: FloatArray) -> TriangleTree:
+    """Sort triangles, shape (n, 3, 3), into a tree of bounding boxes."""
+    centroids = triangles.mean(axis=1)
+    order = np.arange(len(triangles))
+    nodes: list[tuple[int, int, int]] = []
+    rights: list[int] = []
+    stack = [(0, len(triangles), -1)]
+    while stack:
+        start, end, parent = stack.pop()
+        index = len(nodes)
+        if parent >= 0:
+            rights[parent] = index
+        leaf = end - start <= LEAF_SIZE
+        nodes.append((start, end, 1 if leaf else 0))
+        rights.append(0)
+        if not leaf:
+            axis = int(np.ptp(centroids[order[start:end]], axis=0).argmax())
+            middle = (start + end) // 2
+            part = np.argpartition(centroids[order[start:end], axis], middle - start)
+            order[start:end] = order[start:end][part]
+            stack.append((middle, end, index))
+            stack.append((start, middle, -1))
+    starts, ends, _ = np.array(nodes).T
+    ordered = np.ascontiguousarray(triangles[order])
+    lower = np.array([ordered[s:e].min(axis=(0, 1)) for s, e in zip(starts, ends, strict=True)])
+    upper = np.array([ordered[s:e].max(axis=(0, 1)) for s, e in zip(starts, ends, strict=True)])
+    corners = [ordered[s:e].reshape(-1, 3) for s, e in zip(starts, ends, strict=True)]
+    return TriangleTree(
+        ordered,
+        lower,
+        upper,
+        np.array([_ball(of_node) for of_node in corners]),
+        np.array([_ball(triangle) for triangle in ordered]),
+        np.array(rights),
+        np.ascontiguousarray(starts),
+        np.ascontiguousarray(ends),
+        order,
+    )
+
+
+def _ball(points: FloatArray) -> FloatArray:
+    """Return centre and radius, shape (4,), of a ball about points: about the middle of their box."""
+    center = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return np.append(center, np.linalg.norm(points - center, axis=1).max())
+
+
+@njit(cache=True)
+def closest_on_triangle(p: FloatArray, triangle: FloatArray, out: FloatArray) -> None:
+    """Write the point of a triangle nearest to p (Ericson, Real-Time Collision Detection, 2005, section 5.1.5)."""
+    a, b, c = triangle[0], triangle[1], triangle[2]
+    d1 = d2 = d3 = d4 = d5 = d6 = 0.0
+    for k in range(3):
+        ab, ac = b[k] - a[k], c[k] - a[k]
+        d1 += ab * (p[k] - a[k])
+        d2 += ac * (p[k] - a[k])
+        d3 += ab * (p[k] - b[k])
+        d4 += ac * (p[k] - b[k])
+        d5 += ab * (p[k] - c[k])
+        d6 += ac * (p[k] - c[k])
+    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    if d1 <= 0.0 and d2 <= 0.0:
+        v, w = 0.0, 0.0
+    elif d3 >= 0.0 and d4 <= d3:
+        v, w = 1.0, 0.0
+    elif d6 >= 0.0 and d5 <= d6:
+        v, w = 0.0, 1.0
+    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        v, w = d1 / (d1 - d3), 0.0
+    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        v, w = 0.0, d2 / (d2 - d6)
+    elif va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
+        w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
+        v = 1.0 - w
+    else:
+        total = va + vb + vc
+        v, w = vb / total, vc / total
+    for k in range(3):
+        out[k] = a[k] + v * (b[k] - a[k]) + w * (c[k] - a[k])
+
+
+@njit(cache=True)
+def _box_distance2(p: FloatArray, lower: FloatArray, upper: FloatArray) -> float:
+    total = 0.0
+    for k in range(3):
+        gap = max(lower[k] - p[k], 0.0, p[k] - upper[k])
+        total += gap * gap
+    return total
+
+
+@njit(cache=True)
+def closest_point(tree: TriangleTree, p: FloatArray, bound: float, out: FloatArray) -> tuple[float, int]:
+    """Write the surface point nearest to p and return its distance and triangle; -1 if none within ``bound``."""
+    best, found = bound * bound, -1
+    candidate = np.empty(3)
+    stack = np.empty(64, np.int64)
+    stack[0] = 0
+    top = 1
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        if _box_distance2(p, tree.lower[node], tree.upper[node]) >= best:
+            continue
+        if tree.right[node] == 0:
+            for i in range(tree.start[node], tree.end[node]):
+                closest_on_triangle(p, tree.triangles[i], candidate)
+                distance2 = 0.0
+                for k in range(3):
+                    distance2 += (candidate[k] - p[k]) ** 2
+                if distance2 < best:
+                    best, found = distance2, i
+                    for k in range(3):
+                        out[k] = candidate[k]
+            continue
+        near, far = node + 1, tree.right[node]
+        if _box_distance2(p, tree.lower[far], tree.upper[far]) < _box_distance2(
+            p, tree.lower[near], tree.upper[near]
+        ):
+            near, far = far, near
+        stack[top] = far
+        stack[top + 1] = near
+        top += 2
+    return np.sqrt(best), found
