@@ -81,7 +81,8 @@ def fast_gap(
         c = hand.ends[shape, which]
         for k in range(3):
             ends[which, k] = pose[k, 0] * c[0] + pose[k, 1] * c[1] + pose[k, 2] * c[2] + pose[k, 3]
-    inside = sample(field, ends[0, 0], ends[0, 1], ends[0, 2]) < -field.slack
+    depth = -sample(field, ends[0, 0], ends[0, 1], ends[0, 2])
+    inside = depth > field.slack
     if hand.kind[shape] == BOX:
         return (
             -QUERY_RANGE if inside else box_gap(tree, pose, hand.box[shape], hand.ends[shape, 0], QUERY_RANGE)
@@ -89,7 +90,11 @@ def fast_gap(
     radius = hand.radius[shape]
     if inside:
         return -radius
-    return segment_distance(tree, ends[0], ends[1], _axis_bound(hand, field, pose, shape)) - radius
+    distance = segment_distance(tree, ends[0], ends[1], _axis_bound(hand, field, pose, shape))
+    # On a coarse grid a thin rod may lie inside although the grid cannot prove it: then the better guess decides.
+    if distance > radius and depth > 0.0:
+        return -radius
+    return distance - radius
 
 
 @njit(cache=True)

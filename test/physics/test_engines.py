@@ -44,8 +44,8 @@ def test_engines_agree(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["bottle", "vase", "drill", "glass", "mug"])
-def test_rods_near_the_surface_have_nearly_the_same_gap_in_both(name: str) -> None:
-    """What lets compiled code answer for Bullet farther off: the engines differ by less than ``ENGINES_APART``."""
+def test_compiled_code_may_answer_for_bullet_off_the_surface(name: str) -> None:
+    """What it finds free has at least its gap less ``ENGINES_APART`` in Bullet too; what it finds hit, Bullet hits."""
     target, ask_at = TargetObject.builtin(name), np.eye(4)
     rods = [LinkShape("rod", "capsule", dims, np.eye(4)) for dims in ((0.006, 0.02), (0.008, 0.04))]
     tree = build_tree(np.array(target.parts_surface.triangles, dtype=np.float64))
@@ -63,7 +63,9 @@ def test_rods_near_the_surface_have_nearly_the_same_gap_in_both(name: str) -> No
             if abs(compiled) > 0.002 or compiled <= 1e-6 - radius:
                 continue
             compared += 1
-            assert abs(world.closest(which, T)[0] - compiled) < ENGINES_APART
+            bullet = world.closest(which, T)[0]
+            assert bullet > compiled - ENGINES_APART or (compiled < 0.0 and bullet < 0.0)
+            assert compiled >= -ENGINES_APART or bullet < 0.0
     assert compared > 100
 
 
