@@ -9,11 +9,11 @@ import numpy.typing as npt
 from numba import njit
 
 from mebo_grasp.grasping.bullet_world import BulletWorld
-from mebo_grasp.grasping.closing import ClosingRule
 from mebo_grasp.grasping.distance_field import DistanceField
 from mebo_grasp.grasping.engine import BULLET, QUERY_RANGE, Engine, exact_gap, fast_contact
 from mebo_grasp.grasping.hand_arrays import BOX, MOST_JOINTS, MOST_SHAPES, HandArrays, HandLayout
 from mebo_grasp.grasping.hand_motion import HandPoses, gap_bounds, try_joint_value
+from mebo_grasp.grasping.joint_step import ClosingRule
 from mebo_grasp.grasping.trial import TrialSettings
 
 FloatArray = npt.NDArray[np.float64]

@@ -11,13 +11,13 @@ import numpy.typing as npt
 from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, HandPosture, Pose
 from mebo_grasp.grasping import closing, hand_motion
 from mebo_grasp.grasping.bullet_world import BulletWorld
-from mebo_grasp.grasping.closing import ClosingRule
 from mebo_grasp.grasping.contacts import ContactFinder
 from mebo_grasp.grasping.distance_field import build_field
 from mebo_grasp.grasping.engine import BULLET, FAST, Engine
 from mebo_grasp.grasping.hand_arrays import MOST_JOINTS, build_hand_arrays
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.hand_motion import exempt_touching_pairs
+from mebo_grasp.grasping.joint_step import ClosingRule, new_state
 from mebo_grasp.grasping.quality import GraspMetrics, measure
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.grasping.trial import TrialSettings
@@ -42,7 +42,7 @@ class GraspSimulator:
         self.settings = settings or TrialSettings()
         self._arrays, self._layout = build_hand_arrays(hand, hand.preshape)
         exempt_touching_pairs(self._arrays)
-        self._state = closing.new_state()
+        self._state = new_state()
         self._poses = hand_motion.new_poses()
         bullet = self.settings.engine == "bullet"
         surface = target.parts_surface if bullet else target.mesh
