@@ -16,6 +16,7 @@ import numpy.typing as npt
 from mebo_grasp.errors import ArchiveError, InvalidHandError
 from mebo_grasp.grasp import FloatArray, StampedGrasp
 from mebo_grasp.solutions.best_grasp import BestGraspAnswer, BestGraspQuery
+from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.diversity import PoseMetric
 from mebo_grasp.solutions.grasp_index import GraspIndex
 from mebo_grasp.solutions.hand_volume import HandVolumeOf, PackedVolume
@@ -251,7 +252,12 @@ class SolutionArchive:
         )
 
     def solution_set(
-        self, size: int, min_distance: float, occlusions: tuple[Occlusion, ...] = ()
+        self,
+        size: int,
+        min_distance: float,
+        occlusions: tuple[Occlusion, ...] = (),
+        rule: BlockingRule = BlockingRule.TCP,
+        approach_length: float = 0.0,
     ) -> SolutionSet:
         """Return the best grasps that are mutually diverse, chosen greedily from all that are stored.
 
@@ -259,12 +265,16 @@ class SolutionArchive:
             size: how many at most.
             min_distance: least mutual distance, metres.
             occlusions: regions in which no grasp may be used.
+            rule: when a grasp counts as blocked.
+            approach_length: under the rule ``HAND``, length of the approach path, metres.
 
         Raises:
-            InvalidQueryError: a number is out of range.
+            InvalidQueryError: a number is out of range, or the hand's volume is not known.
             ArchiveError: the archive is closed or damaged.
         """
-        query = BestGraspQuery(occlusions, max_grasps=size, min_diversity=min_distance)
+        query = BestGraspQuery(
+            occlusions, size, min_diversity=min_distance, rule=rule, approach_length=approach_length
+        )
         answer = self.best(query)
         return SolutionSet.of(self.object_id, answer.grasps, min_distance, self.metric)
 
