@@ -9,21 +9,15 @@ import numpy as np
 
 from mebo_grasp.errors import InvalidQueryError
 from mebo_grasp.grasp import FloatArray, Pose
-from mebo_grasp.solutions.best_first import (
-    Grasps,
-    NodeBounds,
-    Wanted,
-    node_bounds,
-    search,
-    sort_leaves,
-)
+from mebo_grasp.solutions.best_first import node_bounds, search, sort_leaves
 from mebo_grasp.solutions.best_grasp import BestGraspQuery
 from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.bounding_tree import BoundingTree, build_tree
 from mebo_grasp.solutions.column import Column
 from mebo_grasp.solutions.diversity import IntArray, PoseMetric
+from mebo_grasp.solutions.grasp_columns import Grasps, NodeBounds, Wanted
 from mebo_grasp.solutions.hand_volume import PackedVolume, bounding_balls
-from mebo_grasp.solutions.occlusion import make_scene
+from mebo_grasp.solutions.occlusion import Occlusion, Sphere, make_scene
 from mebo_grasp.solutions.trial_store import StoredGrasps
 
 LEAF_SIZE = 48
@@ -143,8 +137,10 @@ class GraspIndex:
 
     def _warm_up(self) -> None:
         # Compiled code is made or loaded at its first use: that must not fall into the first question.
+        somewhere = Occlusion("warm-up", Sphere(1e-6), Pose(np.full(3, 1e3)))
         for rule in self._coverings:
-            self.search(BestGraspQuery(rule=rule), PoseMetric(), np.array([0.0, 0.0, 1.0]))
+            query = BestGraspQuery((somewhere,), rule=rule)
+            self.search(query, PoseMetric(), np.array([0.0, 0.0, 1.0]))
 
     def __len__(self) -> int:
         return len(self._stored.stamps_ns)

@@ -52,12 +52,18 @@ COLUMNS = 19
 @njit(cache=True, nogil=True)
 def rotation_matrix(q: FloatArray) -> FloatArray:
     """Return the matrix of a unit quaternion xyzw, shape (3, 3)."""
-    x, y, z, w = q[0], q[1], q[2], q[3]
     R = np.empty((3, 3))
+    write_rotation(q, R)
+    return R
+
+
+@njit(cache=True, nogil=True)
+def write_rotation(q: FloatArray, R: FloatArray) -> None:
+    """Write the matrix of a unit quaternion xyzw into ``R``, shape (3, 3)."""
+    x, y, z, w = q[0], q[1], q[2], q[3]
     R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)
     R[1, 0], R[1, 1], R[1, 2] = 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)
     R[2, 0], R[2, 1], R[2, 2] = 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
-    return R
 
 
 @njit(cache=True, nogil=True)
