@@ -10,7 +10,13 @@ from numba import njit
 
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.solutions.hand_volume import UNIT, PackedVolume
-from mebo_grasp.solutions.signed_distance import MESH, Scene, distance_to
+from mebo_grasp.solutions.signed_distance import (
+    MESH,
+    Scene,
+    is_beyond,
+    mesh_distance,
+    primitive_distance,
+)
 
 RESOLUTION = 1e-6
 """Length of the piece of a segment on which the nearest point is not searched further, metres."""
@@ -68,22 +74,27 @@ def place_segment(
     placed[7] = radius
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _at(scene: Scene, shape: int, hand: FloatArray, k: int, t: float) -> float:
-    """Return the distance from the point of segment k at t in [-1, 1]."""
+@njit(cache=True, nogil=True)
+def _at(shapes: FloatArray, shape: int, hand: FloatArray, k: int, t: float) -> float:
+    """Return the distance of a primitive from the point of segment k at t in [-1, 1]."""
     x = hand[k, 0] + t * hand[k, 3]
     y = hand[k, 1] + t * hand[k, 4]
     z = hand[k, 2] + t * hand[k, 5]
-    return distance_to(scene, shape, x, y, z)
+    return float(primitive_distance(shapes, shape, x, y, z))
 
 
 @njit(cache=True, nogil=True)
-def _segment_meets_convex(scene: Scene, shape: int, hand: FloatArray, k: int) -> bool:
+def _segment_meets_convex(shapes: FloatArray, shape: int, hand: FloatArray, k: int) -> bool:
     """Find the least distance along the segment by golden sections: it is a convex function of t."""
     half, radius = hand[k, 6], hand[k, 7]
+    middle = _at(shapes, shape, hand, k, 0.0)
+    if middle <= radius:
+        return True
+    if middle - half > radius:
+        return False
     low, high = -1.0, 1.0
     t_1, t_2 = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    d_1, d_2 = _at(scene, shape, hand, k, t_1), _at(scene, shape, hand, k, t_2)
+    d_1, d_2 = _at(shapes, shape, hand, k, t_1), _at(shapes, shape, hand, k, t_2)
     while min(d_1, d_2) > radius:
         # The distance changes by no more than the point moves: the rest of the segment may be out of reach.
         width = (high - low) * half
@@ -92,11 +103,11 @@ def _segment_meets_convex(scene: Scene, shape: int, hand: FloatArray, k: int) ->
         if d_1 <= d_2:
             high, t_2, d_2 = t_2, t_1, d_1
             t_1 = high - _GOLDEN * (high - low)
-            d_1 = _at(scene, shape, hand, k, t_1)
+            d_1 = _at(shapes, shape, hand, k, t_1)
         else:
             low, t_1, d_1 = t_1, t_2, d_2
             t_2 = low + _GOLDEN * (high - low)
-            d_2 = _at(scene, shape, hand, k, t_2)
+            d_2 = _at(shapes, shape, hand, k, t_2)
     return True
 
 
@@ -110,7 +121,10 @@ def _segment_meets_mesh(scene: Scene, shape: int, hand: FloatArray, k: int) -> b
     while depth > 0:
         depth -= 1
         middle, width = middles[depth], widths[depth]
-        distance = _at(scene, shape, hand, k, middle)
+        x = hand[k, 0] + middle * hand[k, 3]
+        y = hand[k, 1] + middle * hand[k, 4]
+        z = hand[k, 2] + middle * hand[k, 5]
+        distance = mesh_distance(scene, shape, x, y, z)
         if distance <= radius:
             return True
         if distance - width * half > radius:
@@ -123,21 +137,22 @@ def _segment_meets_mesh(scene: Scene, shape: int, hand: FloatArray, k: int) -> b
     return False
 
 
-@njit(cache=True, nogil=True)
-def segment_meets(scene: Scene, shape: int, hand: FloatArray, k: int) -> bool:
+# Inlined by numba itself, for the reason that ``distance_to`` is.
+@njit(cache=True, nogil=True, inline="always")
+def segment_meets(shapes: FloatArray, scene: Scene, shape: int, hand: FloatArray, k: int) -> bool:
     """Tell whether a segment of a hand meets an occlusion.
 
     Args:
+        shapes: ``scene.shapes``.
         scene: occlusions in the object's frame.
         shape: index of the occlusion.
         hand: rows as ``place_segment`` writes them, shape (m, 8).
         k: row of the segment.
     """
-    distance, half, radius = _at(scene, shape, hand, k, 0.0), hand[k, 6], hand[k, 7]
-    if distance <= radius:
-        return True
-    if distance - half > radius:
-        return False
-    if scene.shapes[shape, 0] == MESH:
-        return bool(_segment_meets_mesh(scene, shape, hand, k))
-    return bool(_segment_meets_convex(scene, shape, hand, k))
+    if is_beyond(shapes, shape, hand[k, 0], hand[k, 1], hand[k, 2], hand[k, 6] + hand[k, 7]):
+        meets = False
+    elif shapes[shape, 0] == MESH:
+        meets = _segment_meets_mesh(scene, shape, hand, k)
+    else:
+        meets = _segment_meets_convex(shapes, shape, hand, k)
+    return meets
