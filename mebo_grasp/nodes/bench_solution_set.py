@@ -31,9 +31,6 @@ from mebo_grasp.solutions.occlusion import Box, Occlusion
 from msg_adapters.grasp import to_grasp_quality_msg
 from msg_adapters.occlusion import to_occlusion_msg
 
-BETTER = 10.0
-"""Added to the quality of a new trial, so that it is the best grasp and its coming can be seen."""
-
 
 def scenes_of(count: int, shapes: int, seed: int) -> list[list[OcclusionMsg]]:
     """Return random scenes as messages."""
@@ -87,7 +84,7 @@ def bench_trials(bench: Bench, count: int, seed: int) -> None:
         message = to_grasp_quality_msg(StampedGrasp(first_ns + number, stamped.grasp), OBJECT)
         message.hand = "icub_left"
         message.hand_posture.name, message.hand_posture.position = [], []
-        message.quality = BETTER + number
+        message.quality = 10.0 + number  # better than all before, so that its coming can be seen
         best.clear()
         start = time.perf_counter()
         publisher.publish(message)
@@ -97,10 +94,9 @@ def bench_trials(bench: Bench, count: int, seed: int) -> None:
 
 
 def bench_node(folder: Path, stored: int, count: int, shapes: int, seed: int) -> None:
-    """Fill an archive, start a node on it and measure everything."""
+    """Start a node on an archive of so many grasps and measure everything."""
     database = folder / f"bench_{stored}.db"
-    if not database.exists():
-        in_own_process(fill, database, stored)
+    in_own_process(fill, database, stored)
     scenes = scenes_of(count, shapes, seed)
     with private_domain() as domain_id, NodeGroup() as nodes:
         start = time.perf_counter()
@@ -130,13 +126,11 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=300, help="samples of each figure")
     parser.add_argument("--shapes", type=int, default=20, help="occluding shapes in a scene")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--folder", type=Path, help="keep or find the archives here (default: none is kept)")
     options = parser.parse_args()
     print(f"over DDS, hand rule by default; load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     with tempfile.TemporaryDirectory() as name:
-        folder = options.folder or Path(name)
         for stored in options.stored:
-            bench_node(folder, stored, options.count, options.shapes, options.seed)
+            bench_node(Path(name), stored, options.count, options.shapes, options.seed)
 
 
 if __name__ == "__main__":

@@ -86,7 +86,6 @@ class SolutionArchive:
         # The best grasps are returned again and again.
         self._read = lru_cache(maxsize=REMEMBERED)(self._store.read)
         try:
-            self._complete_volumes()
             self._load()
         except BaseException:
             self._store.close()
@@ -117,20 +116,23 @@ class SolutionArchive:
         self._read.cache_clear()
         self._load()
 
-    def _complete_volumes(self) -> None:
-        if self._hand_volume is None:
-            return
-        missing = self._store.stamps_without_volume()
-        for begin in range(0, len(missing), COMPLETED_AT_ONCE):
-            self._store.store_volumes(
-                (stamp, self._hand_volume(self._store.read(stamp).grasp).packed())
-                for stamp in missing[begin : begin + COMPLETED_AT_ONCE]
-            )
-
     def _load(self) -> None:
-        stored = self._store.load(with_volumes=self._hand_volume is not None)
+        by_hand = self._hand_volume is not None
+        stored = self._store.load(by_hand)
+        if by_hand and (missing := stored.without_volume()):
+            self._complete_volumes(missing)
+            del stored  # so that two of them need not fit into memory
+            stored = self._store.load(by_hand)
         self._trials = stored.trials
         self._index = GraspIndex(stored)
+
+    def _complete_volumes(self, stamps: list[int]) -> None:
+        assert self._hand_volume is not None
+        for begin in range(0, len(stamps), COMPLETED_AT_ONCE):
+            self._store.store_volumes(
+                (stamp, self._hand_volume(self._store.read(stamp).grasp).packed())
+                for stamp in stamps[begin : begin + COMPLETED_AT_ONCE]
+            )
 
     @property
     def object_id(self) -> str:

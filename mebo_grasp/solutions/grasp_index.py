@@ -18,7 +18,7 @@ from mebo_grasp.solutions.diversity import IntArray, PoseMetric
 from mebo_grasp.solutions.grasp_columns import Grasps, NodeBounds, Wanted
 from mebo_grasp.solutions.hand_volume import PackedVolume, bounding_balls
 from mebo_grasp.solutions.occlusion import Occlusion, Sphere, make_scene
-from mebo_grasp.solutions.trial_store import StoredGrasps
+from mebo_grasp.solutions.stored_grasps import StoredGrasps
 
 LEAF_SIZE = 48
 UNCOVERED = 512
@@ -132,7 +132,7 @@ class GraspIndex:
         if stored.has_volumes:
             self._coverings[BlockingRule.HAND] = Covering()
         self._best = float(stored.qualities.array.max()) if n else 0.0
-        self._refresh()
+        self._cover_all()
         self._warm_up()
 
     def _warm_up(self) -> None:
@@ -171,6 +171,12 @@ class GraspIndex:
     def _refresh(self) -> None:
         for rule, covering in self._coverings.items():
             covering.refresh(self._grasps(rule))
+
+    def _cover_all(self) -> None:
+        """Make the first trees, side by side: the compiled code holds no lock."""
+        grasps = [self._grasps(rule) for rule in self._coverings]
+        with ThreadPoolExecutor(max_workers=len(grasps)) as pool:
+            list(pool.map(Covering.refresh, self._coverings.values(), grasps))
 
     def _grasps(self, rule: BlockingRule) -> Grasps:
         by_hand, stored = rule is BlockingRule.HAND, self._stored
