@@ -6,15 +6,15 @@ import argparse
 from collections.abc import Iterable, Iterator
 from functools import partial
 from pathlib import Path
+from types import ModuleType
 
 from mebo_grasp.cli.filters import add_filter_arguments, metric_of, query_of
 from mebo_grasp.cli.run_folder import DATABASE, StoredRun, add_run_arguments, read_run
-from mebo_grasp.errors import InvalidSettingsError
+from mebo_grasp.errors import InvalidFileError, InvalidSettingsError
 from mebo_grasp.grasp import StampedGrasp
 from mebo_grasp.solutions.archive import SolutionArchive
 from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.exchange import import_trials, read_csv, read_jsonl, write_csv, write_jsonl
-from msg_adapters.mcap import TOPIC, read_mcap, write_mcap
 
 SUFFIXES = (".csv", ".jsonl", ".mcap")
 
@@ -39,7 +39,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     import_.add_argument("file", type=Path, help=f"file to read ({', '.join(SUFFIXES)})")
     import_.add_argument("run_folder", type=Path, help="folder of a run, or a database; made when absent")
     import_.add_argument("--object", help="name of the object (default: that of the run)")
-    import_.add_argument("--topic", default=TOPIC, help=f"topic of an MCAP file (default: {TOPIC})")
+    import_.add_argument("--topic", default="/grasp_quality", help="of an MCAP file (default: /grasp_quality)")
     import_.set_defaults(run=run_import)
 
 
@@ -60,7 +60,7 @@ def run_export(options: argparse.Namespace) -> int:
             trials = archive.best(query_of(options, len(archive))).grasps
         if suffix == ".mcap":
             ordered = sorted(trials, key=lambda s: s.stamp_ns) if is_filtered else trials
-            count = write_mcap(ordered, options.file, stored_run.object_id)
+            count = _mcap().write_mcap(ordered, options.file, stored_run.object_id)
         else:
             count = (write_csv if suffix == ".csv" else write_jsonl)(trials, options.file)
     print(f"{count} trials of '{stored_run.object_id}' written to {options.file}")
@@ -85,6 +85,19 @@ def run_import(options: argparse.Namespace) -> int:
     return 0
 
 
+def _mcap() -> ModuleType:
+    """Return the module for MCAP files; its libraries have no rosdep key, so they may be missing."""
+    try:
+        from msg_adapters import mcap
+    except ModuleNotFoundError as error:
+        if not (error.name or "").startswith("mcap"):
+            raise
+        raise InvalidFileError(
+            "MCAP files need two libraries that are not installed: pip install mcap mcap-ros2-support"
+        ) from error
+    return mcap
+
+
 def _suffix(file: Path) -> str:
     suffix = file.suffix.lower()
     if suffix not in SUFFIXES:
@@ -94,5 +107,6 @@ def _suffix(file: Path) -> str:
 
 def _trials(file: Path, suffix: str, object_id: str, topic: str) -> Iterator[StampedGrasp]:
     if suffix == ".mcap":
-        return read_mcap(file, Path(object_id).stem or None, topic)
+        trials: Iterator[StampedGrasp] = _mcap().read_mcap(file, Path(object_id).stem or None, topic)
+        return trials
     return read_csv(file) if suffix == ".csv" else read_jsonl(file)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -187,6 +188,18 @@ def test_mistakes_are_named(
 ) -> None:
     assert main([str(run_folder) if word == "RUN" else word for word in arguments]) in (1, 2)
     assert expected in capsys.readouterr().err
+
+
+def test_without_the_mcap_libraries_the_other_files_work_and_the_way_out_is_named(
+    run_folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delitem(sys.modules, "msg_adapters.mcap", raising=False)
+    monkeypatch.delattr("msg_adapters.mcap", raising=False)
+    for name in ("mcap", "mcap.reader", "mcap_ros2", "mcap_ros2.decoder", "mcap_ros2.writer"):
+        monkeypatch.setitem(sys.modules, name, None)
+    assert main(["export", str(run_folder), str(run_folder / "a.mcap")]) == 2
+    assert "pip install mcap mcap-ros2-support" in capsys.readouterr().err
+    assert main(["export", str(run_folder), str(run_folder / "a.csv")]) == 0
 
 
 def test_an_archive_in_use_is_left_alone(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
