@@ -6,10 +6,11 @@ The compiled code is cached beside the modules, or in the user's cache where tho
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 
-from mebo_grasp.grasp import Grasp, StampedGrasp
+from mebo_grasp.grasp import Grasp, GraspOutcome, StampedGrasp
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.pose_space import pose_space_6d, position_space
 from mebo_grasp.grasping.simulator import GraspSimulator
@@ -26,6 +27,8 @@ from mebo_grasp.solutions.diversity import PoseMetric
 from mebo_grasp.solutions.occlusion import Box, Cone, Cylinder, Occlusion, Shape, Sphere, TriangleMesh
 
 TRIALS = 30
+ENOUGH_FOR_A_TREE = 600
+"""Fewer grasps are looked at one by one, so that the search tree would not be compiled."""
 SHAPES: tuple[Shape, ...] = (
     Box((0.1, 0.1, 0.1)), Sphere(0.05), Cylinder(0.1, 0.02), Cone(0.1, 0.02),
     TriangleMesh(0.05 * np.eye(3), np.array([[0, 1, 2]])),
@@ -64,13 +67,15 @@ def run_archive(grasps: list[Grasp]) -> None:
     occlusions = tuple(
         Occlusion(f"shape {i}", shape, grasps[0].T_object_tcp) for i, shape in enumerate(SHAPES)
     )
+    good = replace(grasps[0], outcome=GraspOutcome.GRASPED, quality=0.5)
     hand = HandModel.load("icub_left")
     volumes = HandVolumes([hand])
     for metric in (PoseMetric(), PoseMetric(symmetry_axis=(0.0, 0.0, 1.0))):
         with SolutionArchive(
             ":memory:", "bottle", metric, hand_volume=volumes, approach_axis=hand.approach_axis
         ) as archive:
-            for stamp, grasp in enumerate(grasps):
+            archive.add_many(StampedGrasp(stamp, good) for stamp in range(ENOUGH_FOR_A_TREE))
+            for stamp, grasp in enumerate(grasps, start=ENOUGH_FOR_A_TREE):
                 archive.add(StampedGrasp(stamp, grasp))
             for rule in BlockingRule:
                 archive.best(
