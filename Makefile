@@ -12,16 +12,17 @@ PYTEST_WORKERS ?= -n 2 --dist loadfile
 HANG_SECONDS ?= 300
 
 # What `make bench` measures; one BLAS thread each, so that "on one core" means it.
+BENCHES_OF_SOLUTIONS := mebo_grasp.experiments.bench_solutions mebo_grasp.nodes.bench_solution_set
 BENCHES := mebo_grasp.experiments.bench_hand mebo_grasp.experiments.bench_optimizer \
-	mebo_grasp.experiments.bench_solutions mebo_grasp.nodes.bench_nodes
-bench test test-quick: export OMP_NUM_THREADS = 1
-bench test test-quick: export OPENBLAS_NUM_THREADS = 1
+	$(BENCHES_OF_SOLUTIONS) mebo_grasp.nodes.bench_nodes
+bench bench-solutions soak test test-quick: export OMP_NUM_THREADS = 1
+bench bench-solutions soak test test-quick: export OPENBLAS_NUM_THREADS = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup icub-meshes demo test test-quick lint check-types bench build-ros clean clean-all
+.PHONY: help setup icub-meshes demo test test-quick lint bench bench-solutions soak build-ros clean clean-all
 
 help:  ## Show this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup:  ## Make or update .venv: requirements, typed interfaces, this package (PYTHON=python3.12 to choose)
 	@$(PYTHON) tools/setup_environment.py --venv "$(VENV)"
@@ -44,6 +45,12 @@ lint: setup  ## Check style and types of code, tests and tools
 
 bench: setup  ## Measure speed, memory and latency; prints the figures with their spread
 	@for module in $(BENCHES); do echo "== $$module"; $(BIN)/python -m "$$module" || exit 1; echo; done
+
+bench-solutions: setup  ## Of these, the solution set alone: 10,000 and 1,000,000 grasps, in the core and over ROS
+	@for module in $(BENCHES_OF_SOLUTIONS); do echo "== $$module"; $(BIN)/python -m "$$module" || exit 1; echo; done
+
+soak: setup  ## The fault tests at full length: 200 writers killed at random instants, 100 damaged files
+	MEBO_GRASP_KILLS=200 MEBO_GRASP_DAMAGES=100 $(BIN)/python -m pytest --timeout=3600 test/faults $(PYTEST_ARGS)
 
 build-ros:  ## With an installed, sourced ROS 2: colcon build of both packages into install/
 	@command -v colcon >/dev/null || { echo "colcon is missing: sudo apt install python3-colcon-common-extensions"; exit 1; }

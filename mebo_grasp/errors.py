@@ -37,6 +37,10 @@ class InvalidQueryError(MeboGraspError, ValueError):
     """A request to the solution set holds a number that is out of range."""
 
 
+class InvalidFrameError(MeboGraspError, ValueError):
+    """A transform between frames lacks a name, or names one frame twice."""
+
+
 class InvalidFileError(MeboGraspError, ValueError):
     """A file of trials cannot be read or written; the message names the file and the line."""
 

@@ -95,12 +95,14 @@ def write_mcap(trials: Iterable[StampedGrasp], path: str | Path, frame_id: str) 
     return count
 
 
-def read_mcap(path: str | Path, expected_frame: str, topic: str = TOPIC) -> Iterator[StampedGrasp]:
+def read_mcap(
+    path: str | Path, expected_frame: str | None, topic: str = TOPIC
+) -> Iterator[StampedGrasp]:
     """Read the trials of one topic.
 
     Args:
         path: file, as written here or recorded by rosbag2.
-        expected_frame: the object's frame.
+        expected_frame: the object's frame; None takes that of the messages.
         topic: to be read, all others are left out.
 
     Raises:
@@ -119,8 +121,8 @@ def read_mcap(path: str | Path, expected_frame: str, topic: str = TOPIC) -> Iter
         raise InvalidFileError(f"cannot read {path}: {type(error).__name__} {error}") from error
 
 
-def _trial(message: Any, where: str, expected_frame: str) -> StampedGrasp:
+def _trial(message: Any, where: str, expected_frame: str | None) -> StampedGrasp:
     try:
-        return from_grasp_quality_msg(message, expected_frame)
+        return from_grasp_quality_msg(message, expected_frame or message.header.frame_id)
     except (MeboGraspError, AttributeError) as error:
         raise InvalidFileError(f"{where}: {error}") from error

@@ -10,7 +10,14 @@ from mebo_grasp_interfaces.msg import OcclusionArray
 from shape_msgs.msg import Mesh as MeshMsg
 from shape_msgs.msg import MeshTriangle, SolidPrimitive
 
-from mebo_grasp.errors import InvalidMessageError, InvalidOcclusionError
+from mebo_grasp.errors import (
+    InvalidMessageError,
+    InvalidOcclusionError,
+    InvalidPoseError,
+    WrongFrameError,
+)
+from mebo_grasp.grasp import Pose
+from mebo_grasp.solutions.frames import FrameTree
 from mebo_grasp.solutions.occlusion import (
     Box,
     Cone,
@@ -20,9 +27,9 @@ from mebo_grasp.solutions.occlusion import (
     Sphere,
     TriangleMesh,
 )
-from msg_adapters.checks import require_frame
 from msg_adapters.pose import from_point_msg, from_pose_msg, to_point_msg, to_pose_msg
 from msg_adapters.time import to_time_msg
+from msg_adapters.transform import from_transform_stamped_msg
 
 # SolidPrimitive names the order of the dimensions: heights stand before radii.
 _SHAPES: dict[int, tuple[str, int, Callable[[Sequence[float]], Shape]]] = {
@@ -98,45 +105,89 @@ def to_occlusion_msg(occlusion: Occlusion, frame_id: str, stamp_ns: int = 0) -> 
         InvalidMessageError: the stamp or the shape cannot be sent.
     """
     message = OcclusionMsg(
-        id=occlusion.id,
-        shape=to_solid_primitive_msg(occlusion.shape),
-        pose=to_pose_msg(occlusion.T_object_shape),
+        id=occlusion.id, pose=to_pose_msg(occlusion.T_object_shape), margin=float(occlusion.margin)
     )
+    if isinstance(occlusion.shape, TriangleMesh):
+        message.mesh = to_mesh_msg(occlusion.shape)
+    else:
+        message.shape = to_solid_primitive_msg(occlusion.shape)
     message.header.frame_id = frame_id
     message.header.stamp = to_time_msg(stamp_ns)
     return message
 
 
-def from_occlusion_msg(message: OcclusionMsg, expected_frame: str) -> Occlusion:
+def from_occlusion_msg(
+    message: OcclusionMsg, expected_frame: str, frames: FrameTree | None = None
+) -> Occlusion:
     """Return the occlusion of a message.
 
+    Args:
+        message: with a shape or a mesh.
+        expected_frame: the object's frame.
+        frames: static transforms that are known beside those in the message.
+
     Raises:
-        WrongFrameError: it is given in another frame than the object's.
-        InvalidMessageError: the shape is unknown.
-        InvalidOcclusionError: it has no name, or a dimension is not finite and positive.
-        InvalidPoseError: its pose is not usable.
+        WrongFrameError: it is given in another frame than the object's, and no transform leads there.
+        InvalidMessageError: the shape is unknown, there are both a shape and a mesh, or a transform or
+            the pose is not usable.
+        InvalidOcclusionError: it has no name, or a length is not usable.
     """
     name = f"occlusion '{message.id}'"
-    require_frame(message.header.frame_id, expected_frame, name)
     try:
-        shape = from_solid_primitive_msg(message.shape)
-    except (InvalidMessageError, InvalidOcclusionError) as error:
-        raise type(error)(f"{name}: {error}") from error
-    return Occlusion(message.id, shape, from_pose_msg(message.pose))
+        shape, pose = _shape_of(message), from_pose_msg(message.pose)
+        T_object_frame = _place_of_frame(message, expected_frame, frames or FrameTree())
+        if T_object_frame is not None:
+            pose = T_object_frame @ pose
+    except WrongFrameError:
+        raise
+    except InvalidOcclusionError as error:
+        raise InvalidOcclusionError(f"{name}: {error}") from error
+    except (InvalidMessageError, InvalidPoseError) as error:
+        raise InvalidMessageError(f"{name}: {error}") from error
+    return Occlusion(message.id, shape, pose, float(message.margin))
+
+
+def _shape_of(message: OcclusionMsg) -> Shape:
+    if not message.mesh.triangles:
+        return from_solid_primitive_msg(message.shape)
+    if message.shape.dimensions:
+        raise InvalidMessageError("both a mesh and the dimensions of a shape are given; leave one empty")
+    return from_mesh_msg(message.mesh)
+
+
+def _place_of_frame(message: OcclusionMsg, expected_frame: str, frames: FrameTree) -> Pose | None:
+    """Return the pose of the message's frame in the object's; None when they are the same."""
+    frame = message.header.frame_id.lstrip("/")
+    if frame == expected_frame:
+        return None
+    own = [from_transform_stamped_msg(transform) for transform in message.transforms]
+    pose = frames.with_links(own).lookup(expected_frame, frame)
+    if pose is None:
+        raise WrongFrameError(
+            f"occlusion '{message.id}' is given in frame '{frame}', and no static transform that is known "
+            f"leads from there to the object's frame '{expected_frame}'; give it in '{expected_frame}', or "
+            "make the transform known: in its field transforms, by the node's parameter static_transforms "
+            "or on /tf_static"
+        )
+    return pose
 
 
 def from_occlusion_msgs(
-    messages: Iterable[OcclusionMsg], expected_frame: str
+    messages: Iterable[OcclusionMsg], expected_frame: str, frames: FrameTree | None = None
 ) -> tuple[Occlusion, ...]:
     """Return the occlusions of several messages.
 
+    Args:
+        messages: each with its frame in its own header.
+        expected_frame: the object's frame.
+        frames: static transforms that are known beside those in the messages.
+
     Raises:
-        WrongFrameError: one is given in another frame than the object's.
-        InvalidMessageError: a shape is unknown.
-        InvalidOcclusionError: a name is empty or occurs twice, or a dimension is not usable.
-        InvalidPoseError: a pose is not usable.
+        WrongFrameError: no transform leads from the frame of one to the object's.
+        InvalidMessageError: a shape, a transform or a pose is not usable.
+        InvalidOcclusionError: a name is empty or occurs twice, or a length is not usable.
     """
-    occlusions = tuple(from_occlusion_msg(message, expected_frame) for message in messages)
+    occlusions = tuple(from_occlusion_msg(message, expected_frame, frames) for message in messages)
     ids = [occlusion.id for occlusion in occlusions]
     if len(set(ids)) < len(ids):
         repeated = ", ".join(sorted({name for name in ids if ids.count(name) > 1}))
@@ -160,10 +211,12 @@ def to_occlusion_array_msg(
     return message
 
 
-def from_occlusion_array_msg(message: OcclusionArray, expected_frame: str) -> tuple[Occlusion, ...]:
+def from_occlusion_array_msg(
+    message: OcclusionArray, expected_frame: str, frames: FrameTree | None = None
+) -> tuple[Occlusion, ...]:
     """Return the occlusions of a message; each carries its frame in its own header.
 
     Raises:
         MeboGraspError: as ``from_occlusion_msgs`` says.
     """
-    return from_occlusion_msgs(message.occlusions, expected_frame)
+    return from_occlusion_msgs(message.occlusions, expected_frame, frames)

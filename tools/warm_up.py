@@ -6,31 +6,46 @@ The compiled code is cached beside the modules, or in the user's cache where tho
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 
-from mebo_grasp.grasp import Grasp, StampedGrasp
+from mebo_grasp.grasp import Grasp, GraspOutcome, StampedGrasp
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.pose_space import pose_space_6d, position_space
 from mebo_grasp.grasping.simulator import GraspSimulator
 from mebo_grasp.grasping.target_object import TargetObject
+from mebo_grasp.grasping.trial import EngineName, TrialSettings
+from mebo_grasp.hand_volumes import HandVolumes
 from mebo_grasp.optimization.methods.registry import METHOD_NAMES
 from mebo_grasp.optimization.optimizer import Optimizer, OptimizerSettings
 from mebo_grasp.optimization.search_space import SearchSpace
 from mebo_grasp.solutions.archive import SolutionArchive
 from mebo_grasp.solutions.best_grasp import BestGraspQuery
-from mebo_grasp.solutions.occlusion import Box, Cone, Cylinder, Occlusion, Shape, Sphere
+from mebo_grasp.solutions.blocking import BlockingRule
+from mebo_grasp.solutions.diversity import PoseMetric
+from mebo_grasp.solutions.occlusion import Box, Cone, Cylinder, Occlusion, Shape, Sphere, TriangleMesh
 
 TRIALS = 30
-SHAPES: tuple[Shape, ...] = (Box((0.1, 0.1, 0.1)), Sphere(0.05), Cylinder(0.1, 0.02), Cone(0.1, 0.02))
+ENOUGH_FOR_A_TREE = 600
+"""Fewer grasps are looked at one by one, so that the search tree would not be compiled."""
+SHAPES: tuple[Shape, ...] = (
+    Box((0.1, 0.1, 0.1)), Sphere(0.05), Cylinder(0.1, 0.02), Cone(0.1, 0.02),
+    TriangleMesh(0.05 * np.eye(3), np.array([[0, 1, 2]])),
+)  # fmt: skip
 
 
 def run_trials() -> list[Grasp]:
     """Try poses across the bottle."""
     target, hand = TargetObject.builtin("bottle"), HandModel.load("icub_left")
     space, rng = position_space(target, hand), np.random.default_rng(1)
-    with GraspSimulator(target, hand) as simulator:
-        return [simulator.trial(space.to_pose(rng.uniform(space.lower, space.upper))) for _ in range(TRIALS)]
+    poses = [space.to_pose(rng.uniform(space.lower, space.upper)) for _ in range(TRIALS)]
+    grasps = []
+    engines: tuple[EngineName, ...] = ("fast", "bullet")
+    for engine in engines:
+        with GraspSimulator(target, hand, TrialSettings(engine=engine)) as simulator:
+            grasps += [simulator.trial(pose) for pose in poses]
+    return grasps
 
 
 def run_optimizers() -> None:
@@ -48,15 +63,27 @@ def run_optimizers() -> None:
 
 
 def run_archive(grasps: list[Grasp]) -> None:
-    """Store trials and ask for the best with every shape in the way."""
+    """Store trials and ask for the best with every shape in the way, by either rule and distance."""
     occlusions = tuple(
         Occlusion(f"shape {i}", shape, grasps[0].T_object_tcp) for i, shape in enumerate(SHAPES)
     )
-    with SolutionArchive(":memory:", "bottle") as archive:
-        for stamp, grasp in enumerate(grasps):
-            archive.add(StampedGrasp(stamp, grasp))
-        archive.best(BestGraspQuery(occlusions, max_grasps=5, min_diversity=0.02))
-        archive.solution_set(4, 0.04)
+    good = replace(grasps[0], outcome=GraspOutcome.GRASPED, quality=0.5)
+    hand = HandModel.load("icub_left")
+    volumes = HandVolumes([hand])
+    for metric in (PoseMetric(), PoseMetric(symmetry_axis=(0.0, 0.0, 1.0))):
+        with SolutionArchive(
+            ":memory:", "bottle", metric, hand_volume=volumes, approach_axis=hand.approach_axis
+        ) as archive:
+            archive.add_many(StampedGrasp(stamp, good) for stamp in range(ENOUGH_FOR_A_TREE))
+            for stamp, grasp in enumerate(grasps, start=ENOUGH_FOR_A_TREE):
+                archive.add(StampedGrasp(stamp, grasp))
+            for rule in BlockingRule:
+                archive.best(
+                    BestGraspQuery(
+                        occlusions, max_grasps=5, min_diversity=0.02, rule=rule, approach_length=0.1
+                    )
+                )
+            archive.solution_set(4, 0.04)
 
 
 def main() -> None:

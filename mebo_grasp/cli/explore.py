@@ -25,6 +25,7 @@ from mebo_grasp.nodes.exploration_client import ExplorationClient, Standing
 from mebo_grasp.nodes.exploration_plan import SPACES
 from mebo_grasp.nodes.processes import NodeGroup, NodeProcess
 from mebo_grasp.optimization.methods.registry import METHOD_NAMES
+from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.occlusion import Box, Occlusion
 
 NODES = ("solution_set_node", "hand_node", "optimizer_node")
@@ -123,7 +124,7 @@ def _start_nodes(nodes: NodeGroup, options: argparse.Namespace, directory: Path,
         "database": str(directory.resolve() / DATABASE),
         "size": options.size,
         "min_distance": options.min_distance,
-    }
+    } | hand
     parameters = (archive, target | hand, target | hand | optimizer)
     for name, values in zip(NODES, parameters, strict=True):
         nodes.start(NodeProcess(name, values, directory, domain_id))
@@ -192,8 +193,9 @@ def _report(client: ExplorationClient, target: TargetObject) -> tuple[StampedGra
         return ()
     print(grasp_table(kept.grasps))
     top, middle = third_of(target, 2, "top"), third_of(target, 1, "middle")
-    _print_best(client, "with the top occluded", [top])
-    _print_best(client, "with top and middle occluded", [top, middle])
+    for occluded, occlusions in (("the top", [top]), ("top and middle", [top, middle])):
+        _print_best(client, f"with {occluded} occluded, by the TCP alone", occlusions, BlockingRule.TCP)
+    _print_best(client, "with the top occluded, for the whole hand", [top], BlockingRule.HAND)
     return kept.grasps
 
 
@@ -213,7 +215,9 @@ def third_of(target: TargetObject, index: int, name: str) -> Occlusion:
     return Occlusion(name, Box((2 * FAR, 2 * FAR, float(top - bottom))), Pose(center))
 
 
-def _print_best(client: ExplorationClient, title: str, occlusions: Sequence[Occlusion]) -> None:
-    answer = client.best_grasp(occlusions)
+def _print_best(
+    client: ExplorationClient, title: str, occlusions: Sequence[Occlusion], rule: BlockingRule
+) -> None:
+    answer = client.best_grasp(occlusions, rule)
     print(f"\nbest grasp {title} ({answer.occluded} of {answer.considered} grasps looked at are blocked):")
     print(f"  none: {answer.message}" if answer.best is None else grasp_table([answer.best]))

@@ -1,6 +1,7 @@
 """The ``mebo-grasp`` command: explores an object, shows what was found, runs experiments.
 
-Exit codes: 0 done, 1 something failed, 2 the command line or a setting is wrong, 130 stopped by Ctrl-C.
+Exit codes: 0 done, 1 something failed, 2 the command line or a setting is wrong, 3 no grasp is left (``best``),
+130 stopped by Ctrl-C.
 """
 
 from __future__ import annotations
@@ -10,14 +11,14 @@ import sys
 from collections.abc import Sequence
 
 from mebo_grasp import __version__
-from mebo_grasp.cli import experiment, explore, show
+from mebo_grasp.cli import best, exchange, experiment, explore, show
 from mebo_grasp.errors import MeboGraspError
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2
 EXIT_INTERRUPTED = 130
 
-COMMANDS = (explore, show, experiment)
+COMMANDS = (explore, show, best, exchange, experiment)
 
 
 def make_parser() -> argparse.ArgumentParser:

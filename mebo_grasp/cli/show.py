@@ -1,50 +1,51 @@
-"""``mebo-grasp show``: table and picture of a stored run."""
+"""``mebo-grasp show``: table, picture and 3-D page of a stored run."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
+from mebo_grasp.cli.filters import add_filter_arguments, explain, metric_of, query_of
+from mebo_grasp.cli.page import write_run_page
 from mebo_grasp.cli.report import grasp_table
-from mebo_grasp.cli.run_folder import DATABASE, PICTURE, read_run
-from mebo_grasp.errors import ArchiveError
-from mebo_grasp.grasping.hand_model import HandModel
+from mebo_grasp.cli.run_folder import PAGE, PICTURE, StoredRun, add_run_arguments
 from mebo_grasp.grasping.rendering import render_grasps
-from mebo_grasp.grasping.target_object import TargetObject
-from mebo_grasp.solutions.archive import SolutionArchive
-from mebo_grasp.solutions.diversity import PoseMetric
+from mebo_grasp.solutions.blocking import BlockingRule
+from mebo_grasp.solutions.solution_set import SolutionSet
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the command to the command line."""
     parser = commands.add_parser("show", help="print and draw the diverse grasps of a stored run")
-    parser.add_argument("run_folder", type=Path, help="folder of a run, or its database")
-    parser.add_argument("--object", help="built-in name or mesh file (default: that of the run)")
-    parser.add_argument("--scale", type=float, help="factor from the mesh's unit to metres")
-    parser.add_argument("--hand", help="built-in name or hand description")
-    parser.add_argument("--size", type=int, default=4, help="grasps in the solution set (default: 4)")
-    parser.add_argument("--min-distance", type=float, default=0.04, help="least distance of two [m]")
+    add_run_arguments(parser)
+    add_filter_arguments(parser, max_grasps=4, min_diversity=0.04)
     parser.add_argument("--picture", type=Path, help="PNG file (default: beside the database)")
+    parser.add_argument("--page", type=Path, help="HTML file with the grasps in 3-D (default: beside it)")
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print the table, draw the picture; returns the exit code."""
-    path: Path = options.run_folder / DATABASE if options.run_folder.is_dir() else options.run_folder
-    if not path.exists():
-        raise ArchiveError(f"{path} does not exist; name the folder of a run, as given by explore --out")
-    explored = read_run(path.parent)
-    target = TargetObject.load(options.object or explored.object, options.scale or explored.scale)
-    hand = HandModel.load(options.hand or explored.hand)
-    with SolutionArchive(path, target.object_id, PoseMetric()) as archive:
-        solutions = archive.solution_set(options.size, options.min_distance)
-        stored = len(archive)
-    print(f"{stored} trials of '{target.object_id}' in {path}; {len(solutions.grasps)} diverse grasps")
+    """Print the table, draw picture and page; returns the exit code."""
+    stored_run = StoredRun.of(options)
+    target, hand = stored_run.target(), stored_run.hand()
+    metric = metric_of(options)
+    query = query_of(options, 1)
+    with stored_run.open(query.rule is BlockingRule.HAND, metric) as archive:
+        answer, stored = archive.best(query), len(archive)
+    solutions = SolutionSet.of(target.object_id, answer.grasps, query.min_diversity, metric)
+    print(
+        f"{stored} trials of '{target.object_id}' in {stored_run.path}; {len(solutions.grasps)} grasps, "
+        f"{solutions.diverse} diverse, mean quality {solutions.mean_quality:.4f}, mean distance to the "
+        f"nearest {1000 * solutions.mean_min_distance:.0f} mm, QD {solutions.qd:.4f}"
+    )
+    if query.occlusions or not answer.grasps:
+        print(explain(answer))
     if not solutions.grasps:
-        print("no grasp with a quality above 0 is stored")
         return 0
     print(grasp_table(solutions.grasps))
-    picture = options.picture or path.with_name(PICTURE)
+    picture = options.picture or stored_run.path.with_name(PICTURE)
     render_grasps(target, hand, [stamped.grasp for stamped in solutions.grasps], picture)
-    print(f"\npicture: {picture}")
+    page = options.page or stored_run.path.with_name(PAGE)
+    write_run_page(page, solutions, target, hand, query.occlusions)
+    print(f"\npicture: {picture}\npage:    {page}")
     return 0

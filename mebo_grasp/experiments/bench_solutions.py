@@ -271,7 +271,7 @@ def _shifted(trial: StampedGrasp, stored: int) -> StampedGrasp:
     return StampedGrasp(trial.stamp_ns + stored, trial.grasp)
 
 
-def _in_own_process(task: Callable[..., None], *arguments: object) -> None:
+def in_own_process(task: Callable[..., None], *arguments: object) -> None:
     """Run a part by itself, so that memory is that of the part."""
     process = multiprocessing.get_context("spawn").Process(target=task, args=arguments)
     process.start()
@@ -292,9 +292,9 @@ def main() -> None:
         _say(f"{stored} stored grasps, {options.shapes} shapes, {options.questions} questions")
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "bench.db"
-            _in_own_process(fill, path, stored)
-            _in_own_process(measure, path, stored, options.questions, options.shapes)
-            _in_own_process(measure_scan, path, min(options.questions, 20), options.shapes)
+            in_own_process(fill, path, stored)
+            in_own_process(measure, path, stored, options.questions, options.shapes)
+            in_own_process(measure_scan, path, min(options.questions, 20), options.shapes)
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from std_srvs.srv import Trigger
 from mebo_grasp.errors import MeboGraspError
 from mebo_grasp.grasp import StampedGrasp
 from mebo_grasp.nodes import qos
+from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.occlusion import Occlusion
 from msg_adapters.grasp import from_grasp_quality_msg
 from msg_adapters.occlusion import to_occlusion_msg
@@ -68,6 +69,12 @@ class BestAnswer:
     considered: int
     occluded: int
     message: str
+
+
+_RULES = {
+    BlockingRule.TCP: GetBestGrasp.Request.RULE_TCP,
+    BlockingRule.HAND: GetBestGrasp.Request.RULE_HAND,
+}
 
 
 class ExplorationClient:
@@ -162,14 +169,22 @@ class ExplorationClient:
             mean_min_distance=answer.mean_min_distance,
         )
 
-    def best_grasp(self, occlusions: Sequence[Occlusion], timeout: float = 10.0) -> BestAnswer:
+    def best_grasp(
+        self, occlusions: Sequence[Occlusion], rule: BlockingRule, timeout: float = 10.0
+    ) -> BestAnswer:
         """Ask for the best grasp that is not occluded.
+
+        Args:
+            occlusions: beside those that the node knows.
+            rule: when a grasp counts as blocked.
+            timeout: seconds.
 
         Raises:
             MeboGraspError: no answer came in time.
         """
         messages = [to_occlusion_msg(occlusion, self._object_id) for occlusion in occlusions]
-        response = self._call(self._best, GetBestGrasp.Request(occlusions=messages), timeout)
+        request = GetBestGrasp.Request(occlusions=messages, rule=_RULES[rule])
+        response = self._call(self._best, request, timeout)
         best = self._grasps(response.grasps)
         return BestAnswer(best[0] if best else None, response.considered, response.occluded, response.message)
 

@@ -32,6 +32,8 @@ def guarded(method: Callable[..., Any]) -> Callable[..., Any]:
         except MeboGraspError as error:
             node.get_logger().warning(f"{method.__name__}: {error}")
         except Exception as error:
+            if not node.context.ok():
+                return None  # told to stop while it ran: nothing can be published any more
             # An exception that leaves a callback ends spin() and with it the node.
             node.get_logger().error(f"{method.__name__}: unexpected {type(error).__name__}: {error}")
         return None

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.nodes.parameters import parameter
+from mebo_grasp.solutions.blocking import BlockingRule
+
+OCCLUSION_RULES = tuple(rule.value for rule in BlockingRule)
 
 
 @dataclass(frozen=True)
@@ -91,6 +95,9 @@ class SolutionSetNodeSettings:
 
     object: str = parameter("bottle", "target object: a built-in name or the path of a mesh file")
     database: str = parameter("", "SQLite file of all trials; empty: <ROS home>/mebo_grasp/<object>.db")
+    sync_each_trial: bool = parameter(
+        False, "wait for the disk at each trial, so that a loss of power loses none either"
+    )
     size: int = parameter(4, "grasps kept in the solution set", least=1, most=10_000)
     min_distance: float = parameter(
         0.04, "least distance of two grasps of the set [m + weighted rad]", least=0.0
@@ -98,9 +105,42 @@ class SolutionSetNodeSettings:
     rotation_weight: float = parameter(
         0.05, "metres that one radian of rotation counts in the distance of two grasps", least=0.0
     )
+    symmetry_axis: tuple[float, ...] = parameter(
+        (), "direction of the axis about which the object looks the same from all sides; empty: none"
+    )
+    occlusion_rule: str = parameter(
+        "hand", "when a grasp is blocked: hand (its volume or approach meets an occlusion) or tcp (its TCP does)"
+    )
+    hand: str = parameter(
+        "icub_left", "hand whose volume counts where a trial names no built-in one: a name or a description"
+    )
+    approach_length: float = parameter(
+        0.1, "length of the straight path of the TCP to a grasp [m]; 0: none", least=0.0, most=10.0
+    )
+    approach_axis: tuple[float, ...] = parameter(
+        (), "direction in which the TCP arrives, in its own frame; empty: that of the hand"
+    )
+    occlusion_margin: float = parameter(
+        0.0, "metres by which every occlusion is thickened, beside its own margin", least=0.0, most=10.0
+    )
+    static_transforms: tuple[str, ...] = parameter(
+        (), "frames of occlusions, each as 'parent child x y z qx qy qz qw' [m, xyzw]; /tf_static is heard too"
+    )
     publish_rate: float = parameter(
         10.0, "most updates of solution_set per second [Hz]", least=0.1, most=1000.0
     )
     marker_rate: float = parameter(
         2.0, "most updates of solution_markers per second [Hz]", least=0.1, most=100.0
     )
+
+    def __post_init__(self) -> None:
+        if self.occlusion_rule not in OCCLUSION_RULES:
+            raise InvalidSettingsError(
+                f"occlusion_rule is '{self.occlusion_rule}', known are {', '.join(OCCLUSION_RULES)}"
+            )
+        for name in ("symmetry_axis", "approach_axis"):
+            axis = getattr(self, name)
+            if axis and not (len(axis) == 3 and all(map(math.isfinite, axis)) and any(axis)):
+                raise InvalidSettingsError(
+                    f"{name} must be three finite numbers, not all 0, or empty; got {list(axis)}"
+                )

@@ -5,30 +5,37 @@ from __future__ import annotations
 import math
 import os
 import time
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseArray, PoseStamped
 from mebo_grasp_interfaces.msg import GraspQuality, OcclusionArray
+from mebo_grasp_interfaces.msg import Occlusion as OcclusionMsg
 from mebo_grasp_interfaces.msg import SolutionSet as SolutionSetMsg
 from mebo_grasp_interfaces.srv import GetBestGrasp, GetSolutionSet, ResetArchive
 from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
-from mebo_grasp.errors import MeboGraspError, WrongFrameError
+from mebo_grasp.errors import InvalidMessageError, MeboGraspError, WrongFrameError
 from mebo_grasp.grasp import Grasp
+from mebo_grasp.grasping.hand_model import HandModel
+from mebo_grasp.hand_volumes import HandVolumes
 from mebo_grasp.nodes import markers, qos
+from mebo_grasp.nodes.known_frames import KnownFrames
 from mebo_grasp.nodes.parameters import declare
 from mebo_grasp.nodes.runtime import guarded, guarded_service, run_node
 from mebo_grasp.nodes.settings import SolutionSetNodeSettings
 from mebo_grasp.solutions.archive import AddStatus, SolutionArchive
-from mebo_grasp.solutions.best_grasp import BestGraspQuery
+from mebo_grasp.solutions.best_grasp import BestGraspAnswer, BestGraspQuery
+from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.diversity import PoseMetric
 from mebo_grasp.solutions.occlusion import Occlusion
 from mebo_grasp.solutions.solution_set import SolutionSet
 from msg_adapters.grasp import from_grasp_quality_msg, to_grasp_quality_msg
-from msg_adapters.occlusion import from_occlusion_array_msg, from_occlusion_msgs
-from msg_adapters.pose import to_pose_stamped_msg
+from msg_adapters.occlusion import from_occlusion_msgs
+from msg_adapters.pose import to_pose_array_msg, to_pose_stamped_msg
 from msg_adapters.solution_set import to_solution_set_msg
 from msg_adapters.time import to_time_msg
 
@@ -50,9 +57,13 @@ class SolutionSetNode(Node):
         super().__init__("solution_set_node")
         self._settings = declare(self, SolutionSetNodeSettings)
         self._object_id = Path(self._settings.object).stem
+        self._rule = BlockingRule(self._settings.occlusion_rule)
         self._occlusions: tuple[Occlusion, ...] = ()
+        self._heard = OcclusionArray()
+        self._frames = KnownFrames(self, self._settings.static_transforms, self._reread_occlusions)
         self._set_changed = self._markers_changed = True
         self._published_best: int | None = None
+        self._quality_to_beat = 0.0
         self._shown: list[Grasp] = []
         self._open_archive()
         self._advertise()
@@ -62,17 +73,33 @@ class SolutionSetNode(Node):
     def _open_archive(self) -> None:
         path = Path(self._settings.database or default_database(self._object_id))
         path.parent.mkdir(parents=True, exist_ok=True)
-        metric = PoseMetric(rotation_weight=self._settings.rotation_weight)
+        axis = self._settings.symmetry_axis
+        metric = PoseMetric(self._settings.rotation_weight, (axis[0], axis[1], axis[2]) if axis else None)
+        hand = HandModel.load(self._settings.hand)
         start = time.perf_counter()
-        self._archive = SolutionArchive(path, self._object_id, metric)
+        self._archive = SolutionArchive(
+            path,
+            self._object_id,
+            metric,
+            hand_volume=HandVolumes([hand], self._tell_unknown_hand),
+            approach_axis=self._settings.approach_axis or hand.approach_axis,
+            sync_each_trial=self._settings.sync_each_trial,
+        )
         self.get_logger().info(
             f"{len(self._archive)} trials of '{self._object_id}' in {path} "
             f"(opened in {time.perf_counter() - start:.2f} s)"
         )
 
+    def _tell_unknown_hand(self, name: str) -> None:
+        self.get_logger().warning(
+            f"a trial was made by hand '{name}', whose volume is not known: that of '{self._settings.hand}' "
+            "is taken; give the description of the hand by the parameter 'hand'"
+        )
+
     def _advertise(self) -> None:
         self._best_publisher = self.create_publisher(PoseStamped, "best_grasp", qos.LATCHED)
         self._set_publisher = self.create_publisher(SolutionSetMsg, "solution_set", qos.LATCHED)
+        self._poses_publisher = self.create_publisher(PoseArray, "solution_poses", qos.LATCHED)
         self._marker_publisher = self.create_publisher(MarkerArray, "solution_markers", qos.LATCHED)
         self.create_service(GetBestGrasp, "get_best_grasp", self._on_get_best_grasp)
         self.create_service(GetSolutionSet, "get_solution_set", self._on_get_solution_set)
@@ -91,13 +118,27 @@ class SolutionSetNode(Node):
         if status is AddStatus.DUPLICATE:
             return
         self._set_changed = True
-        self._publish_best()
+        # What is no better than the best free grasp cannot take its place.
+        if trial.grasp.quality > self._quality_to_beat:
+            self._publish_best()
 
     @guarded
     def _on_occlusions(self, message: OcclusionArray) -> None:
-        self._occlusions = from_occlusion_array_msg(message, expected_frame=self._object_id)
+        self._heard = message
+        self._reread_occlusions()
+
+    def _reread_occlusions(self) -> None:
+        """Take the occlusions of the newest array as the frames lie that are known now."""
+        self._occlusions = self._to_occlusions(self._heard.occlusions)
         self._publish_best()
         self._publish_set()
+
+    def _to_occlusions(self, messages: Iterable[OcclusionMsg]) -> tuple[Occlusion, ...]:
+        margin = self._settings.occlusion_margin
+        occlusions = from_occlusion_msgs(messages, self._object_id, self._frames.tree)
+        if margin == 0.0:
+            return occlusions
+        return tuple(replace(occlusion, margin=occlusion.margin + margin) for occlusion in occlusions)
 
     @guarded_service(GetBestGrasp.Response.INTERNAL_ERROR)
     def _on_get_best_grasp(
@@ -111,6 +152,8 @@ class SolutionSetNode(Node):
             return _refuse(response, response.INVALID_REQUEST, error)
         answer = self._archive.best(query)
         response.considered, response.occluded = answer.considered, answer.occluded
+        response.blocked_by = [name for name, _ in answer.blocked_by]
+        response.blocked = [count for _, count in answer.blocked_by]
         response.grasps = [to_grasp_quality_msg(grasp, self._object_id) for grasp in answer.grasps]
         if not answer.grasps:
             blocked = answer.considered > 0
@@ -119,13 +162,24 @@ class SolutionSetNode(Node):
         return response
 
     def _to_query(self, request: GetBestGrasp.Request) -> BestGraspQuery:
-        own = from_occlusion_msgs(request.occlusions, expected_frame=self._object_id)
+        rules = {
+            request.RULE_OF_NODE: self._rule,
+            request.RULE_TCP: BlockingRule.TCP,
+            request.RULE_HAND: BlockingRule.HAND,
+        }
+        if request.rule not in rules:
+            raise InvalidMessageError(
+                f"rule {request.rule} is unknown; use RULE_OF_NODE={request.RULE_OF_NODE}, "
+                f"RULE_TCP={request.RULE_TCP} or RULE_HAND={request.RULE_HAND}"
+            )
         known = () if request.ignore_known else self._occlusions
         return BestGraspQuery(
-            occlusions=(*known, *own),
+            occlusions=(*known, *self._to_occlusions(request.occlusions)),
             max_grasps=request.max_grasps or 1,
             min_quality=request.min_quality,
             min_diversity=request.min_diversity,
+            rule=rules[request.rule],
+            approach_length=self._settings.approach_length,
         )
 
     @guarded_service(GetSolutionSet.Response.INTERNAL_ERROR)
@@ -170,27 +224,42 @@ class SolutionSetNode(Node):
             self._marker_publisher.publish(array)
 
     def _publish_best(self) -> None:
-        answer = self._archive.best(BestGraspQuery(occlusions=self._occlusions))
+        answer = self._archive.best(
+            BestGraspQuery(
+                self._occlusions, rule=self._rule, approach_length=self._settings.approach_length
+            )
+        )
         best = answer.grasps[0] if answer.grasps else None
+        self._quality_to_beat = 0.0 if best is None else best.grasp.quality
         stamp_ns = None if best is None else best.stamp_ns
         if stamp_ns == self._published_best:
             return
         self._published_best = stamp_ns
         if best is None:
-            # The topic is latched: without this a late subscriber would use the grasp that is now blocked.
-            self._best_publisher.publish(no_grasp_msg(self._now_ns(), self._object_id))
+            self._tell_that_none_is_left(answer)
         else:
             self._best_publisher.publish(
                 to_pose_stamped_msg(best.stamp_ns, self._object_id, best.grasp.T_object_tcp)
             )
 
+    def _tell_that_none_is_left(self, answer: BestGraspAnswer) -> None:
+        self.get_logger().warning(f"best_grasp: {answer.explanation}")
+        # The topic is latched: without this a late subscriber would use the grasp that is now blocked.
+        self._best_publisher.publish(no_grasp_msg(self._now_ns(), self._object_id))
+
     def _publish_set(self) -> None:
         self._set_changed = False
         solutions = self._archive.solution_set(
-            self._settings.size, self._settings.min_distance, self._occlusions
+            self._settings.size,
+            self._settings.min_distance,
+            self._occlusions,
+            self._rule,
+            self._settings.approach_length,
         )
         self._set_publisher.publish(self._to_message(solutions))
         self._shown = [stamped.grasp for stamped in solutions.grasps]
+        poses = [grasp.T_object_tcp for grasp in self._shown]
+        self._poses_publisher.publish(to_pose_array_msg(self._now_ns(), self._object_id, poses))
         self._markers_changed = True
 
     def _to_message(self, solutions: SolutionSet) -> SolutionSetMsg:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from mebo_grasp.errors import ArchiveError, InvalidHandError
 from mebo_grasp.grasp import FloatArray, StampedGrasp
 from mebo_grasp.solutions.best_grasp import BestGraspAnswer, BestGraspQuery
+from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.diversity import PoseMetric
 from mebo_grasp.solutions.grasp_index import GraspIndex
 from mebo_grasp.solutions.hand_volume import HandVolumeOf, PackedVolume
@@ -85,7 +86,6 @@ class SolutionArchive:
         # The best grasps are returned again and again.
         self._read = lru_cache(maxsize=REMEMBERED)(self._store.read)
         try:
-            self._complete_volumes()
             self._load()
         except BaseException:
             self._store.close()
@@ -116,20 +116,23 @@ class SolutionArchive:
         self._read.cache_clear()
         self._load()
 
-    def _complete_volumes(self) -> None:
-        if self._hand_volume is None:
-            return
-        missing = self._store.stamps_without_volume()
-        for begin in range(0, len(missing), COMPLETED_AT_ONCE):
-            self._store.store_volumes(
-                (stamp, self._hand_volume(self._store.read(stamp).grasp).packed())
-                for stamp in missing[begin : begin + COMPLETED_AT_ONCE]
-            )
-
     def _load(self) -> None:
-        stored = self._store.load(with_volumes=self._hand_volume is not None)
+        by_hand = self._hand_volume is not None
+        stored = self._store.load(by_hand)
+        if by_hand and (missing := stored.without_volume()):
+            self._complete_volumes(missing)
+            del stored  # so that two of them need not fit into memory
+            stored = self._store.load(by_hand)
         self._trials = stored.trials
         self._index = GraspIndex(stored)
+
+    def _complete_volumes(self, stamps: list[int]) -> None:
+        assert self._hand_volume is not None
+        for begin in range(0, len(stamps), COMPLETED_AT_ONCE):
+            self._store.store_volumes(
+                (stamp, self._hand_volume(self._store.read(stamp).grasp).packed())
+                for stamp in stamps[begin : begin + COMPLETED_AT_ONCE]
+            )
 
     @property
     def object_id(self) -> str:
@@ -251,7 +254,12 @@ class SolutionArchive:
         )
 
     def solution_set(
-        self, size: int, min_distance: float, occlusions: tuple[Occlusion, ...] = ()
+        self,
+        size: int,
+        min_distance: float,
+        occlusions: tuple[Occlusion, ...] = (),
+        rule: BlockingRule = BlockingRule.TCP,
+        approach_length: float = 0.0,
     ) -> SolutionSet:
         """Return the best grasps that are mutually diverse, chosen greedily from all that are stored.
 
@@ -259,12 +267,16 @@ class SolutionArchive:
             size: how many at most.
             min_distance: least mutual distance, metres.
             occlusions: regions in which no grasp may be used.
+            rule: when a grasp counts as blocked.
+            approach_length: under the rule ``HAND``, length of the approach path, metres.
 
         Raises:
-            InvalidQueryError: a number is out of range.
+            InvalidQueryError: a number is out of range, or the hand's volume is not known.
             ArchiveError: the archive is closed or damaged.
         """
-        query = BestGraspQuery(occlusions, max_grasps=size, min_diversity=min_distance)
+        query = BestGraspQuery(
+            occlusions, size, min_diversity=min_distance, rule=rule, approach_length=approach_length
+        )
         answer = self.best(query)
         return SolutionSet.of(self.object_id, answer.grasps, min_distance, self.metric)
 

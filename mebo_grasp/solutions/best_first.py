@@ -3,106 +3,51 @@
 A ``BoundingTree`` over one point of each hand carries for every node the best quality in it. Nodes are
 taken from a heap, best first. A node that lies in an occlusion as a whole is rejected as a whole; an
 occlusion out of reach of a node is not asked again below it. A leaf, sorted by quality, has one grasp
-on the heap at a time. What comes out of the heap as a grasp is better than all that is left, so that
-the search ends with the last grasp wanted.
+on the heap at a time, which is looked at when it comes out. It is then better than all that is left, so
+that the search ends with the last grasp wanted and looks at none beyond it.
 """
 
 from __future__ import annotations
 
 import heapq
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import njit, uint64
 
 from mebo_grasp.grasp import FloatArray
-from mebo_grasp.solutions.blocking import hand_meets, place_hand
 from mebo_grasp.solutions.bounding_tree import LEAF, BoundingTree
+from mebo_grasp.solutions.counting import NOTHING, count_looked_at
 from mebo_grasp.solutions.diversity import IntArray
-from mebo_grasp.solutions.hand_volume import PackedVolume
+from mebo_grasp.solutions.grasp_columns import Grasps, NodeBounds, Wanted
+from mebo_grasp.solutions.hand_check import (
+    BALL,
+    FREE,
+    MASKED_SHAPES,
+    MOST_SEGMENTS,
+    RECENT,
+    Desk,
+    ask_hand,
+    ask_recent,
+    is_masked_out,
+    remember,
+)
 from mebo_grasp.solutions.pose_distance import pose_distance
-from mebo_grasp.solutions.signed_distance import Scene, distance_to
+from mebo_grasp.solutions.signed_distance import Scene, distance_to, is_beyond
 
 NODE, GRASP = 0, 1
 """What stands on the heap; of equal qualities the nodes come first, as they may hold earlier stamps."""
-FREE = -1
 UNDECIDED = -2
-NOTHING = -1
-MASKED_SHAPES = 63
-"""Occlusions that a node can rule out for all below it; any further ones are asked at every grasp."""
 
 
-# A run is a sorted part of the order: occlusions to be asked, begin and end.
-Run = tuple[Any, Any, Any]
-# Quality (negative: the least comes first), NODE or GRASP, stamp, node or row, occlusions still to be asked,
-# and the rest of the run that a grasp was found in.
+# Quality (negative: the least comes first), NODE or GRASP, stamp, then of a node: its number, the occlusions
+# still to be asked below it; of a grasp: its place in the order, the occlusions still to be asked, and where the
+# sorted run ends that it begins.
 HeapItem = tuple[Any, ...]
 Taken = list[int]
 # The heap; blocked grasps and blocked nodes, each with one occlusion that blocks it.
 Progress = tuple[list[HeapItem], list[tuple[Any, Any]], list[tuple[Any, Any]]]
-
-
-class Grasps(NamedTuple):
-    """n grasps with a quality above zero, as columns.
-
-    Args:
-        order: rows leaf by leaf of the tree, then those that are in no tree; each leaf and the rest are
-            sorted by quality, equal ones by stamp; shape (n,).
-        stamps: shape (n,), nanoseconds.
-        qualities: shape (n,).
-        positions: of the TCP in the object's frame, shape (n, 3), metres.
-        quaternions: xyzw, shape (n, 4).
-        points: one point of each hand, by which the tree orders them, shape (n, 3), metres.
-        inner: radius about that point within which all is hand, shape (n,); 0 under the TCP rule.
-        outer: radius about that point outside of which is neither hand nor TCP, shape (n,); 0 under the
-            TCP rule.
-        first_capsule: capsules of grasp i are the rows ``first_capsule[i]`` to ``first_capsule[i + 1]``,
-            shape (n + 1,).
-        capsules: in the TCP's frame, shape (c, 7).
-    """
-
-    order: IntArray
-    stamps: IntArray
-    qualities: FloatArray
-    positions: FloatArray
-    quaternions: FloatArray
-    points: FloatArray
-    inner: FloatArray
-    outer: FloatArray
-    first_capsule: IntArray
-    capsules: PackedVolume
-
-
-class NodeBounds(NamedTuple):
-    """Least and greatest values over the grasps of each of k nodes, each of shape (k,)."""
-
-    best: FloatArray
-    worst: FloatArray
-    inner: FloatArray
-    outer: FloatArray
-
-
-class Wanted(NamedTuple):
-    """A question to the index.
-
-    Args:
-        number: how many grasps at most, at least 1.
-        min_quality: least quality.
-        min_distance: least mutual distance, metres.
-        rotation_weight: of the distance between poses, metres a radian.
-        symmetry_axis: of the distance between poses, shape (3,), unit or zero.
-        by_hand: whether the hand's volume counts instead of the TCP.
-        approach: where the approach begins, in the TCP's frame, shape (3,), metres; zero for none.
-    """
-
-    number: int
-    min_quality: float
-    min_distance: float
-    rotation_weight: float
-    symmetry_axis: FloatArray
-    by_hand: bool
-    approach: FloatArray
 
 
 @njit(cache=True, nogil=True)
@@ -173,45 +118,25 @@ def _length(v: FloatArray) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _is_masked_out(mask: int, shape: int) -> bool:
-    return shape < MASKED_SHAPES and (mask >> uint64(shape)) & uint64(1) == uint64(0)
-
-
-@njit(cache=True, nogil=True)
 def _look_at_grasp(scene: Scene, grasps: Grasps, row: int, mask: int, reach: float) -> tuple[int, int]:
-    """Return the blocking shape, FREE or UNDECIDED, and the shapes that remain to be asked."""
+    """Return a shape that blocks for sure, FREE or UNDECIDED, and the shapes that remain to be asked."""
     x, y, z = grasps.points[row, 0], grasps.points[row, 1], grasps.points[row, 2]
     inner, outer = grasps.inner[row], grasps.outer[row] + reach
-    rest, verdict = uint64(0), FREE
-    for shape in range(len(scene.shapes)):
-        if _is_masked_out(mask, shape):
+    shapes, rest, verdict = scene.shapes, uint64(0), FREE
+    for shape in range(len(shapes)):
+        if is_masked_out(mask, shape):
             continue
-        distance = distance_to(scene, shape, x, y, z)
-        if distance <= inner:
+        if is_beyond(shapes, shape, x, y, z, outer):
+            continue
+        if not is_beyond(shapes, shape, x, y, z, inner) and (
+            distance_to(shapes, scene, shape, x, y, z) <= inner
+        ):
             return shape, uint64(0)
-        if distance <= outer and outer > 0.0:
+        if outer > 0.0:
             verdict = UNDECIDED
-            if shape < MASKED_SHAPES:
-                rest |= uint64(1) << uint64(shape)
+            # Shapes beyond the mask are asked again whenever the mask is not empty.
+            rest |= uint64(1) << uint64(min(shape, MASKED_SHAPES))
     return verdict, rest
-
-
-@njit(cache=True, nogil=True)
-def _ask_hand(
-    scene: Scene, grasps: Grasps, row: int, mask: int, wanted: Wanted, favourite: int
-) -> int:
-    """Return a shape that meets the hand, or FREE; the favourite is asked first."""
-    capsules = grasps.capsules[grasps.first_capsule[row] : grasps.first_capsule[row + 1]]
-    hand = place_hand(grasps.positions[row], grasps.quaternions[row], capsules, wanted.approach)
-    x, y, z = grasps.points[row, 0], grasps.points[row, 1], grasps.points[row, 2]
-    for turn in range(-1, len(scene.shapes)):
-        shape = favourite if turn < 0 else turn
-        if turn == favourite or _is_masked_out(mask, shape):
-            continue
-        is_near = distance_to(scene, shape, x, y, z) <= grasps.outer[row]
-        if hand_meets(scene, shape, hand, 0 if is_near else len(capsules)):
-            return shape
-    return FREE
 
 
 @njit(cache=True, nogil=True)
@@ -227,10 +152,14 @@ def _look_at_node(
         half += (0.5 * (tree.high[node, axis] - tree.low[node, axis])) ** 2
     half = math.sqrt(half) * (1.0 + 1e-12)
     inner, outer = bounds.inner[node] - half, bounds.outer[node] + reach + half
-    for shape in range(min(len(scene.shapes), MASKED_SHAPES)):
-        if _is_masked_out(mask, shape):
+    shapes = scene.shapes
+    for shape in range(min(len(shapes), MASKED_SHAPES)):
+        if is_masked_out(mask, shape):
             continue
-        distance = distance_to(scene, shape, x, y, z)
+        if is_beyond(shapes, shape, x, y, z, outer):
+            mask &= ~(uint64(1) << uint64(shape))
+            continue
+        distance = distance_to(shapes, scene, shape, x, y, z)
         if distance <= inner:
             return shape, uint64(0)
         if distance > outer:
@@ -254,33 +183,35 @@ def _is_near_taken(
 
 
 @njit(cache=True, nogil=True)
-def _advance(
-    scene: Scene, grasps: Grasps, run: Run, wanted: Wanted, taken: Taken, progress: Progress
+def _push_run(
+    grasps: Grasps, mask: int, begin: int, end: int, wanted: Wanted, taken: Taken, heap: list[HeapItem]
 ) -> None:
-    """Put the next grasp of a run that may be an answer on the heap; runs are sorted, best first."""
-    heap, blocked_grasps, _ = progress
-    mask, begin, end = run
-    reach = _length(wanted.approach)
+    """Put a sorted run of the order on the heap, by its first grasp that may be an answer or is blocked."""
     for k in range(begin, end):
         row = grasps.order[k]
         if grasps.qualities[row] < wanted.min_quality:
             return
-        verdict, rest = FREE, uint64(0)
-        if mask != uint64(0):
-            verdict, rest = _look_at_grasp(scene, grasps, row, mask, reach)
-        if verdict >= 0:
-            blocked_grasps.append((np.int64(row), np.int64(verdict)))
+        if mask == uint64(0) and not _is_diverse(grasps, row, taken, wanted):
             continue
-        if verdict == FREE and not _is_diverse(grasps, row, taken, wanted):
-            continue
-        if verdict == UNDECIDED:
-            # Shapes beyond the mask are asked again whenever the mask is not empty.
-            rest |= uint64(1) << uint64(MASKED_SHAPES)
-        following = (mask, np.int64(k + 1), np.int64(end))
-        heapq.heappush(
-            heap, (-grasps.qualities[row], GRASP, grasps.stamps[row], np.int64(row), rest, following)
-        )
+        key = -grasps.qualities[row]
+        heapq.heappush(heap, (key, GRASP, grasps.stamps[row], np.int64(k), mask, np.int64(end)))
         return
+
+
+@njit(cache=True, nogil=True)
+def _blocker(scene: Scene, grasps: Grasps, row: int, mask: int, wanted: Wanted, desk: Desk) -> int:
+    """Return an occlusion that blocks a grasp, or FREE; the mask says which ones may."""
+    if not wanted.by_hand:
+        return _look_at_grasp(scene, grasps, row, mask, 0.0)[0]
+    shape = ask_recent(scene, grasps, row, mask, wanted, desk)
+    if shape != FREE:
+        return shape
+    verdict, rest = _look_at_grasp(scene, grasps, row, mask, _length(wanted.approach))
+    if verdict == UNDECIDED:
+        return ask_hand(scene, grasps, row, rest, wanted, desk)
+    if verdict != FREE:
+        remember(desk, verdict, BALL)
+    return verdict
 
 
 @njit(cache=True, nogil=True)
@@ -298,17 +229,14 @@ def _open_node(
     """Reject a node as a whole, or put what is in it on the heap."""
     heap, _, blocked_nodes = progress
     shape, mask = _look_at_node(scene, tree, bounds, node, mask, _length(wanted.approach))
-    nobody = (uint64(0), np.int64(0), np.int64(0))
     if shape != FREE:
         blocked_nodes.append((np.int64(node), np.int64(shape)))
     elif tree.left[node] == LEAF:
-        run = (mask, tree.begin[node], tree.end[node])
-        _advance(scene, grasps, run, wanted, taken, progress)
+        _push_run(grasps, mask, tree.begin[node], tree.end[node], wanted, taken, heap)
     elif mask != uint64(0) or wanted.by_hand or not _is_near_taken(tree, grasps, node, taken, wanted):
         for child in range(tree.left[node], tree.left[node] + 2):
-            heapq.heappush(
-                heap, (-bounds.best[child], NODE, np.int64(0), np.int64(child), mask, nobody)
-            )
+            key = -bounds.best[child]
+            heapq.heappush(heap, (key, NODE, np.int64(0), np.int64(child), mask, np.int64(0)))
 
 
 @njit(cache=True, nogil=True)
@@ -329,69 +257,30 @@ def search(
     """
     covered, zero, none = len(tree.order), np.int64(0), uint64(0)
     every = ~none if len(scene.shapes) > 0 else none
-    nobody = (none, zero, zero)
     # Lists need a first element for the compiler to know their type.
-    taken, progress = [zero], ([(0.0, NODE, zero, zero, none, nobody)], [(zero, zero)], [(zero, zero)])
+    taken, progress = [zero], ([(0.0, NODE, zero, zero, none, zero)], [(zero, zero)], [(zero, zero)])
     heap, blocked_grasps, blocked_nodes = progress
     taken.pop(), heap.pop(), blocked_grasps.pop(), blocked_nodes.pop()
-    uncovered = (every, np.int64(covered), np.int64(len(grasps.order)))
-    _advance(scene, grasps, uncovered, wanted, taken, progress)
+    desk = Desk(np.full((RECENT, 2), FREE), np.empty((3, 3)), np.empty((MOST_SEGMENTS, 8)))
+    _push_run(grasps, every, covered, len(grasps.order), wanted, taken, heap)
     if covered > 0:
-        heapq.heappush(heap, (-bounds.best[0], NODE, zero, zero, every, nobody))
-    favourite = 0
+        heapq.heappush(heap, (-bounds.best[0], NODE, zero, zero, every, zero))
     while len(heap) > 0 and len(taken) < wanted.number:
-        key, kind, _, item, mask, following = heapq.heappop(heap)
+        key, kind, _, item, mask, end = heapq.heappop(heap)
         if -key < wanted.min_quality:
             break
         if kind == NODE:
             _open_node(scene, tree, bounds, grasps, item, mask, wanted, taken, progress)
             continue
-        shape = _ask_hand(scene, grasps, item, mask, wanted, favourite) if mask != none else FREE
+        row = grasps.order[item]
+        shape = _blocker(scene, grasps, row, mask, wanted, desk) if mask != none else FREE
         if shape != FREE:
-            # What blocked one good grasp is likely to block the next.
-            favourite = shape
-            blocked_grasps.append((item, np.int64(shape)))
-        elif _is_diverse(grasps, item, taken, wanted):
-            taken.append(item)
-        _advance(scene, grasps, following, wanted, taken, progress)
+            blocked_grasps.append((np.int64(row), np.int64(shape)))
+        elif _is_diverse(grasps, row, taken, wanted):
+            taken.append(row)
+        _push_run(grasps, mask, item + 1, end, wanted, taken, heap)
     last = taken[-1] if len(taken) == wanted.number else NOTHING
-    considered, blocked = _count(tree, bounds, grasps, len(scene.shapes), wanted, last, progress)
+    considered, blocked = count_looked_at(
+        tree, bounds, grasps, len(scene.shapes), wanted.min_quality, last, blocked_grasps, blocked_nodes
+    )
     return np.array(taken), considered, blocked
-
-
-@njit(cache=True, nogil=True)
-def _is_up_to(grasps: Grasps, row: int, last: int, min_quality: float) -> bool:
-    """Tell whether a grasp was looked at by a search that ended with the grasp ``last``."""
-    quality = grasps.qualities[row]
-    if last == NOTHING:
-        return bool(quality >= min_quality)
-    if quality != grasps.qualities[last]:
-        return bool(quality > grasps.qualities[last])
-    return bool(grasps.stamps[row] <= grasps.stamps[last])
-
-
-@njit(cache=True, nogil=True)
-def _count(
-    tree: BoundingTree,
-    bounds: NodeBounds,
-    grasps: Grasps,
-    shapes: int,
-    wanted: Wanted,
-    last: int,
-    progress: Progress,
-) -> tuple[int, IntArray]:
-    """Count the grasps that were looked at, and the blocked ones among them."""
-    _, blocked_grasps, blocked_nodes = progress
-    considered = 0
-    for row in range(len(grasps.qualities)):
-        considered += _is_up_to(grasps, row, last, wanted.min_quality)
-    blocked = np.zeros(shapes, np.int64)
-    for row, shape in blocked_grasps:
-        blocked[shape] += _is_up_to(grasps, row, last, wanted.min_quality)
-    for node, shape in blocked_nodes:
-        if last == NOTHING and bounds.worst[node] >= wanted.min_quality:
-            blocked[shape] += tree.end[node] - tree.begin[node]
-            continue
-        for row in tree.order[tree.begin[node] : tree.end[node]]:
-            blocked[shape] += _is_up_to(grasps, row, last, wanted.min_quality)
-    return considered, blocked

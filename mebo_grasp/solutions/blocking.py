@@ -10,7 +10,13 @@ from numba import njit
 
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.solutions.hand_volume import UNIT, PackedVolume
-from mebo_grasp.solutions.signed_distance import MESH, Scene, distance_to, rotation_matrix
+from mebo_grasp.solutions.signed_distance import (
+    MESH,
+    Scene,
+    is_beyond,
+    mesh_distance,
+    primitive_distance,
+)
 
 RESOLUTION = 1e-6
 """Length of the piece of a segment on which the nearest point is not searched further, metres."""
@@ -29,59 +35,66 @@ class BlockingRule(StrEnum):
     """The hand in its final posture, or its straight approach path, meets an occlusion."""
 
 
+APPROACH = -1
+"""Number of the segment along which the TCP arrives; the others are those of the capsules."""
+
+
 @njit(cache=True, nogil=True)
-def place_hand(
-    position: FloatArray, quaternion: FloatArray, capsules: PackedVolume, approach: FloatArray
-) -> FloatArray:
-    """Return the capsules of a hand and its approach path in the object's frame.
+def place_segment(
+    R: FloatArray,
+    position: FloatArray,
+    capsules: PackedVolume,
+    approach: FloatArray,
+    k: int,
+    placed: FloatArray,
+) -> None:
+    """Write one segment of a hand in the object's frame: its middle, half of it, half its length, its radius.
 
     Args:
+        R: rotation of the TCP in the object's frame, shape (3, 3).
         position: of the TCP in the object's frame, shape (3,), metres.
-        quaternion: xyzw, shape (4,).
         capsules: the hand in the TCP's frame, shape (m, 7).
-        approach: where the approach begins, in the TCP's frame, shape (3,), metres; zero for none.
-
-    Returns:
-        Middle of each segment, half of it, half its length and the radius, shape (m or m + 1, 8).
+        approach: where the approach begins, in the TCP's frame, shape (3,), metres.
+        k: number of the segment, or ``APPROACH``.
+        placed: to be written, shape (8,).
     """
-    R = rotation_matrix(quaternion)
-    m = len(capsules)
-    has_approach = approach[0] != 0.0 or approach[1] != 0.0 or approach[2] != 0.0
-    hand = np.zeros((m + has_approach, 8))
-    middle, half = np.zeros(3), np.zeros(3)
-    for k in range(len(hand)):
-        for axis in range(3):
-            if k < m:
-                middle[axis] = 0.5 * UNIT * (capsules[k, 3 + axis] + capsules[k, axis])
-                half[axis] = 0.5 * UNIT * (capsules[k, 3 + axis] - capsules[k, axis])
-            else:
-                middle[axis] = half[axis] = 0.5 * approach[axis]
-        for axis in range(3):
-            hand[k, axis] = position[axis]
-            for other in range(3):
-                hand[k, axis] += R[axis, other] * middle[other]
-                hand[k, 3 + axis] += R[axis, other] * half[other]
-        hand[k, 6] = math.sqrt(half[0] ** 2 + half[1] ** 2 + half[2] ** 2)
-        hand[k, 7] = capsules[k, 6] * UNIT if k < m else 0.0
-    return hand
+    if k == APPROACH:
+        mx, my, mz = 0.5 * approach[0], 0.5 * approach[1], 0.5 * approach[2]
+        hx, hy, hz, radius = mx, my, mz, 0.0
+    else:
+        half_unit = 0.5 * UNIT
+        mx, hx = half_unit * (capsules[k, 3] + capsules[k, 0]), half_unit * (capsules[k, 3] - capsules[k, 0])
+        my, hy = half_unit * (capsules[k, 4] + capsules[k, 1]), half_unit * (capsules[k, 4] - capsules[k, 1])
+        mz, hz = half_unit * (capsules[k, 5] + capsules[k, 2]), half_unit * (capsules[k, 5] - capsules[k, 2])
+        radius = capsules[k, 6] * UNIT
+    for axis in range(3):
+        placed[axis] = position[axis] + R[axis, 0] * mx + R[axis, 1] * my + R[axis, 2] * mz
+        placed[3 + axis] = R[axis, 0] * hx + R[axis, 1] * hy + R[axis, 2] * hz
+    placed[6] = math.sqrt(hx * hx + hy * hy + hz * hz)
+    placed[7] = radius
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _at(scene: Scene, shape: int, hand: FloatArray, k: int, t: float) -> float:
-    """Return the distance from the point of segment k at t in [-1, 1]."""
+@njit(cache=True, nogil=True)
+def _at(shapes: FloatArray, shape: int, hand: FloatArray, k: int, t: float) -> float:
+    """Return the distance of a primitive from the point of segment k at t in [-1, 1]."""
     x = hand[k, 0] + t * hand[k, 3]
     y = hand[k, 1] + t * hand[k, 4]
     z = hand[k, 2] + t * hand[k, 5]
-    return distance_to(scene, shape, x, y, z)
+    return float(primitive_distance(shapes, shape, x, y, z))
 
 
 @njit(cache=True, nogil=True)
-def _segment_meets_convex(scene: Scene, shape: int, hand: FloatArray, k: int) -> bool:
+def _segment_meets_convex(shapes: FloatArray, shape: int, hand: FloatArray, k: int) -> bool:
     """Find the least distance along the segment by golden sections: it is a convex function of t."""
     half, radius = hand[k, 6], hand[k, 7]
+    middle = _at(shapes, shape, hand, k, 0.0)
+    if middle <= radius:
+        return True
+    if middle - half > radius:
+        return False
     low, high = -1.0, 1.0
     t_1, t_2 = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    d_1, d_2 = _at(scene, shape, hand, k, t_1), _at(scene, shape, hand, k, t_2)
+    d_1, d_2 = _at(shapes, shape, hand, k, t_1), _at(shapes, shape, hand, k, t_2)
     while min(d_1, d_2) > radius:
         # The distance changes by no more than the point moves: the rest of the segment may be out of reach.
         width = (high - low) * half
@@ -90,11 +103,11 @@ def _segment_meets_convex(scene: Scene, shape: int, hand: FloatArray, k: int) ->
         if d_1 <= d_2:
             high, t_2, d_2 = t_2, t_1, d_1
             t_1 = high - _GOLDEN * (high - low)
-            d_1 = _at(scene, shape, hand, k, t_1)
+            d_1 = _at(shapes, shape, hand, k, t_1)
         else:
             low, t_1, d_1 = t_1, t_2, d_2
             t_2 = low + _GOLDEN * (high - low)
-            d_2 = _at(scene, shape, hand, k, t_2)
+            d_2 = _at(shapes, shape, hand, k, t_2)
     return True
 
 
@@ -108,7 +121,10 @@ def _segment_meets_mesh(scene: Scene, shape: int, hand: FloatArray, k: int) -> b
     while depth > 0:
         depth -= 1
         middle, width = middles[depth], widths[depth]
-        distance = _at(scene, shape, hand, k, middle)
+        x = hand[k, 0] + middle * hand[k, 3]
+        y = hand[k, 1] + middle * hand[k, 4]
+        z = hand[k, 2] + middle * hand[k, 5]
+        distance = mesh_distance(scene, shape, x, y, z)
         if distance <= radius:
             return True
         if distance - width * half > radius:
@@ -121,25 +137,22 @@ def _segment_meets_mesh(scene: Scene, shape: int, hand: FloatArray, k: int) -> b
     return False
 
 
-@njit(cache=True, nogil=True)
-def hand_meets(scene: Scene, shape: int, hand: FloatArray, first: int) -> bool:
-    """Tell whether a hand or its approach path meets an occlusion.
+# Inlined by numba itself, for the reason that ``distance_to`` is.
+@njit(cache=True, nogil=True, inline="always")
+def segment_meets(shapes: FloatArray, scene: Scene, shape: int, hand: FloatArray, k: int) -> bool:
+    """Tell whether a segment of a hand meets an occlusion.
 
     Args:
+        shapes: ``scene.shapes``.
         scene: occlusions in the object's frame.
         shape: index of the occlusion.
-        hand: as ``place_hand`` returns it.
-        first: the segments before this one are known to be out of reach.
+        hand: rows as ``place_segment`` writes them, shape (m, 8).
+        k: row of the segment.
     """
-    for k in range(first, len(hand)):
-        distance, half, radius = _at(scene, shape, hand, k, 0.0), hand[k, 6], hand[k, 7]
-        if distance <= radius:
-            return True
-        if distance - half > radius:
-            continue
-        if scene.shapes[shape, 0] == MESH:
-            if _segment_meets_mesh(scene, shape, hand, k):
-                return True
-        elif _segment_meets_convex(scene, shape, hand, k):
-            return True
-    return False
+    if is_beyond(shapes, shape, hand[k, 0], hand[k, 1], hand[k, 2], hand[k, 6] + hand[k, 7]):
+        meets = False
+    elif shapes[shape, 0] == MESH:
+        meets = _segment_meets_mesh(scene, shape, hand, k)
+    else:
+        meets = _segment_meets_convex(shapes, shape, hand, k)
+    return meets

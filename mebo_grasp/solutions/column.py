@@ -31,6 +31,13 @@ class Column:
         column.array[:] = values
         return column
 
+    @classmethod
+    def with_room(cls, rows: int, dtype: npt.DTypeLike, width: tuple[int, ...] = ()) -> Column:
+        """Return an empty column that need not grow for so many rows."""
+        column = cls(rows, dtype, width)
+        column._length = 0
+        return column
+
     def __len__(self) -> int:
         return self._length
 

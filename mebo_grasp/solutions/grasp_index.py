@@ -9,22 +9,16 @@ import numpy as np
 
 from mebo_grasp.errors import InvalidQueryError
 from mebo_grasp.grasp import FloatArray, Pose
-from mebo_grasp.solutions.best_first import (
-    Grasps,
-    NodeBounds,
-    Wanted,
-    node_bounds,
-    search,
-    sort_leaves,
-)
+from mebo_grasp.solutions.best_first import node_bounds, search, sort_leaves
 from mebo_grasp.solutions.best_grasp import BestGraspQuery
 from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.bounding_tree import BoundingTree, build_tree
 from mebo_grasp.solutions.column import Column
 from mebo_grasp.solutions.diversity import IntArray, PoseMetric
+from mebo_grasp.solutions.grasp_columns import Grasps, NodeBounds, Wanted
 from mebo_grasp.solutions.hand_volume import PackedVolume, bounding_balls
-from mebo_grasp.solutions.occlusion import make_scene
-from mebo_grasp.solutions.trial_store import StoredGrasps
+from mebo_grasp.solutions.occlusion import Occlusion, Sphere, make_scene
+from mebo_grasp.solutions.stored_grasps import StoredGrasps
 
 LEAF_SIZE = 48
 UNCOVERED = 512
@@ -138,13 +132,15 @@ class GraspIndex:
         if stored.has_volumes:
             self._coverings[BlockingRule.HAND] = Covering()
         self._best = float(stored.qualities.array.max()) if n else 0.0
-        self._refresh()
+        self._cover_all()
         self._warm_up()
 
     def _warm_up(self) -> None:
         # Compiled code is made or loaded at its first use: that must not fall into the first question.
+        somewhere = Occlusion("warm-up", Sphere(1e-6), Pose(np.full(3, 1e3)))
         for rule in self._coverings:
-            self.search(BestGraspQuery(rule=rule), PoseMetric(), np.array([0.0, 0.0, 1.0]))
+            query = BestGraspQuery((somewhere,), rule=rule)
+            self.search(query, PoseMetric(), np.array([0.0, 0.0, 1.0]))
 
     def __len__(self) -> int:
         return len(self._stored.stamps_ns)
@@ -175,6 +171,12 @@ class GraspIndex:
     def _refresh(self) -> None:
         for rule, covering in self._coverings.items():
             covering.refresh(self._grasps(rule))
+
+    def _cover_all(self) -> None:
+        """Make the first trees, side by side: the compiled code holds no lock."""
+        grasps = [self._grasps(rule) for rule in self._coverings]
+        with ThreadPoolExecutor(max_workers=len(grasps)) as pool:
+            list(pool.map(Covering.refresh, self._coverings.values(), grasps))
 
     def _grasps(self, rule: BlockingRule) -> Grasps:
         by_hand, stored = rule is BlockingRule.HAND, self._stored

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from numba import njit
-from scipy.spatial.transform import Rotation
 
 from mebo_grasp.errors import InvalidHandError
 from mebo_grasp.grasp import FloatArray, Grasp
 from mebo_grasp.solutions.diversity import IntArray
+from mebo_grasp.solutions.signed_distance import write_rotation
 
 UNIT = 2e-5
 """Stored coordinates are multiples of 20 micrometres: 14 bytes a capsule, up to 0.65 m from the TCP."""
@@ -108,9 +108,20 @@ def bounding_balls(
     centers, inner, outer = np.zeros((n, 3)), np.zeros(n), np.zeros(n)
     if len(capsules):
         _balls_in_tcp_frame(first_capsule, capsules, centers, inner, outer)
-    if n:
-        centers = positions + Rotation.from_quat(quaternions).apply(centers)
+    # Read-only arrays would be compiled for once more.
+    _to_object_frame(np.require(positions, None, "CW"), np.require(quaternions, None, "CW"), centers)
     return centers, inner, outer
+
+
+@njit(cache=True, nogil=True)
+def _to_object_frame(positions: FloatArray, quaternions: FloatArray, points: FloatArray) -> None:
+    """Move points, one in each TCP's frame, into the object's."""
+    R = np.empty((3, 3))
+    for i in range(len(points)):
+        write_rotation(quaternions[i], R)
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        for axis in range(3):
+            points[i, axis] = positions[i, axis] + R[axis, 0] * x + R[axis, 1] * y + R[axis, 2] * z
 
 
 @njit(cache=True, nogil=True)

@@ -62,7 +62,9 @@ class Occlusion:
         """All that a ``Scene`` says of it except for the place of its triangles."""
         R = rotation_matrix(self.T_object_shape.quaternion_xyzw)
         position = self.T_object_shape.position
-        return np.array([self.shape.kind, *self.shape.sizes, *R.flat, *position, self.margin])
+        # A hair more, so that rounding never puts a point of the shape outside.
+        reach = (self.shape.bounding_radius + self.margin) * (1.0 + 1e-9)
+        return np.array([self.shape.kind, *self.shape.sizes, *R.flat, *position, self.margin, reach])
 
     @cached_property
     def _scene(self) -> Scene:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 
 from mebo_grasp.errors import ArchiveError
+from mebo_grasp.solutions.stored_grasps import pack_numbers
 
 APPLICATION_ID = 0x4D45424F
 """Written into the database's header: "MEBO"."""
@@ -31,7 +32,13 @@ CREATE TABLE trial_detail (
 # The capsules of the hand in its final posture, as HandVolume.packed() gives them.
 _VERSION_2 = "ALTER TABLE trial ADD COLUMN hand_volume BLOB"
 
-MIGRATIONS: tuple[str, ...] = (_VERSION_1, _VERSION_2)
+# The numbers of a grasp once more as bytes, see stored_grasps; NULL without a quality above 0.
+_VERSION_3 = """
+ALTER TABLE trial ADD COLUMN numbers BLOB;
+UPDATE trial SET numbers = pack_numbers(stamp_ns, quality, px, py, pz, qx, qy, qz, qw);
+"""
+
+MIGRATIONS: tuple[str, ...] = (_VERSION_1, _VERSION_2, _VERSION_3)
 """``MIGRATIONS[v]`` leads from version v to v + 1; version 0 is an empty database."""
 
 
@@ -68,6 +75,7 @@ def prepare_schema(
         )
     if version == len(migrations):
         return
+    connection.create_function("pack_numbers", 9, pack_numbers, deterministic=True)
     connection.execute("BEGIN IMMEDIATE")
     try:
         for step in migrations[version:]:

@@ -61,6 +61,11 @@ class Box:
         x, y, z = self.size
         return (x / 2.0, y / 2.0, z / 2.0)
 
+    @property
+    def bounding_radius(self) -> float:
+        """Radius about the origin outside of which nothing of the shape is, metres."""
+        return math.hypot(*self.size) / 2.0
+
 
 @dataclass(frozen=True)
 class Sphere:
@@ -83,6 +88,11 @@ class Sphere:
     def sizes(self) -> Sizes:
         """The radius."""
         return (self.radius, 0.0, 0.0)
+
+    @property
+    def bounding_radius(self) -> float:
+        """Radius about the origin outside of which nothing of the shape is, metres."""
+        return self.radius
 
 
 @dataclass(frozen=True)
@@ -109,6 +119,11 @@ class Cylinder:
         """Half height and radius."""
         return (self.height / 2.0, self.radius, 0.0)
 
+    @property
+    def bounding_radius(self) -> float:
+        """Radius about the origin outside of which nothing of the shape is, metres."""
+        return math.hypot(self.height / 2.0, self.radius)
+
 
 @dataclass(frozen=True)
 class Cone:
@@ -133,6 +148,11 @@ class Cone:
     def sizes(self) -> Sizes:
         """Half height and radius of the base."""
         return (self.height / 2.0, self.radius, 0.0)
+
+    @property
+    def bounding_radius(self) -> float:
+        """Radius about the origin outside of which nothing of the shape is, metres."""
+        return math.hypot(self.height / 2.0, self.radius)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,6 +192,11 @@ class TriangleMesh:
     def sizes(self) -> Sizes:
         """1 for a closed mesh, 0 for an open one."""
         return (float(self.is_closed), 0.0, 0.0)
+
+    @property
+    def bounding_radius(self) -> float:
+        """Radius about the origin outside of which nothing of the shape is, metres."""
+        return float(np.linalg.norm(self.vertices[self.faces], axis=2).max())
 
     @cached_property
     def is_closed(self) -> bool:

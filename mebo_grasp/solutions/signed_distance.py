@@ -33,8 +33,9 @@ class Scene(NamedTuple):
         shapes: for each occlusion its kind (``BOX`` to ``MESH``); three sizes (half edges of a box; radius of
             a sphere; half height and radius of a cylinder or cone; 1 for a closed mesh); the nine
             elements of its rotation, row by row, and its origin in the object's frame; the margin by
-            which it is thickened; for a mesh, where its triangles begin in ``triangles`` and where its
-            root is among the nodes; shape (s, ``COLUMNS``).
+            which it is thickened; the radius about its origin outside of which nothing of it is; for a mesh,
+            where its triangles begin in ``triangles`` and where its root is among the nodes; shape
+            (s, ``COLUMNS``).
         triangles: corners of all triangles, in the order of the trees, shape (f, 3, 3).
         tree: the trees of all meshes, one behind another; ``order`` is not used.
     """
@@ -45,19 +46,25 @@ class Scene(NamedTuple):
 
 
 # What the columns of Scene.shapes hold.
-_SIZE, _ROTATION, _ORIGIN, _MARGIN, _FIRST_TRIANGLE, _ROOT = 1, 4, 13, 16, 17, 18
-COLUMNS = 19
+_SIZE, _ROTATION, _ORIGIN, _MARGIN, _REACH, _FIRST_TRIANGLE, _ROOT = 1, 4, 13, 16, 17, 18, 19
+COLUMNS = 20
 
 
 @njit(cache=True, nogil=True)
 def rotation_matrix(q: FloatArray) -> FloatArray:
     """Return the matrix of a unit quaternion xyzw, shape (3, 3)."""
-    x, y, z, w = q[0], q[1], q[2], q[3]
     R = np.empty((3, 3))
+    write_rotation(q, R)
+    return R
+
+
+@njit(cache=True, nogil=True)
+def write_rotation(q: FloatArray, R: FloatArray) -> None:
+    """Write the matrix of a unit quaternion xyzw into ``R``, shape (3, 3)."""
+    x, y, z, w = q[0], q[1], q[2], q[3]
     R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)
     R[1, 0], R[1, 1], R[1, 2] = 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)
     R[2, 0], R[2, 1], R[2, 2] = 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
-    return R
 
 
 @njit(cache=True, nogil=True)
@@ -248,21 +255,62 @@ def _primitive(shapes: FloatArray, shape: int, x: float, y: float, z: float) -> 
     return float(_cone(size, shapes[shape, _SIZE + 1], x, y, z))
 
 
-# Inlined by numba itself: handing the arrays of a scene to a function takes longer than a distance.
+@njit(cache=True, nogil=True)
+def primitive_distance(shapes: FloatArray, shape: int, x: float, y: float, z: float) -> float:
+    """Return the signed distance from a point of the object's frame to a thickened primitive, metres."""
+    return float(_primitive(shapes, shape, x, y, z) - shapes[shape, _MARGIN])
+
+
+@njit(cache=True, nogil=True)
+def mesh_distance(scene: Scene, shape: int, x: float, y: float, z: float) -> float:
+    """Return the signed distance from a point of the object's frame to a thickened mesh, metres."""
+    return float(_mesh(scene, shape, x, y, z) - scene.shapes[shape, _MARGIN])
+
+
 @njit(cache=True, nogil=True, inline="always")
-def distance_to(scene: Scene, shape: int, x: float, y: float, z: float) -> float:
-    """Return the signed distance from a point of the object's frame to a thickened occlusion, metres."""
-    if scene.shapes[shape, 0] == MESH:
-        distance = _mesh(scene, shape, x, y, z)
+def is_beyond(shapes: FloatArray, shape: int, x: float, y: float, z: float, radius: float) -> bool:
+    """Tell quickly that a ball about a point is clear of an occlusion; False where it may meet it.
+
+    Args:
+        shapes: of a ``Scene``.
+        shape: index of the occlusion.
+        x: of the point, metres.
+        y: of the point, metres.
+        z: of the point, metres.
+        radius: of the ball, metres.
+    """
+    reach = shapes[shape, _REACH] + radius
+    dx = x - shapes[shape, _ORIGIN]
+    dy = y - shapes[shape, _ORIGIN + 1]
+    dz = z - shapes[shape, _ORIGIN + 2]
+    return reach < 0.0 or dx * dx + dy * dy + dz * dz > reach * reach
+
+
+# Inlined by numba itself, with the array of shapes beside the scene that holds it: to take the array out of
+# the scene, or to hand a scene to a function, takes longer than a distance.
+@njit(cache=True, nogil=True, inline="always")
+def distance_to(shapes: FloatArray, scene: Scene, shape: int, x: float, y: float, z: float) -> float:
+    """Return the signed distance from a point of the object's frame to a thickened occlusion, metres.
+
+    Args:
+        shapes: ``scene.shapes``.
+        scene: occlusions.
+        shape: index of the occlusion.
+        x: of the point, metres.
+        y: of the point, metres.
+        z: of the point, metres.
+    """
+    if shapes[shape, 0] == MESH:
+        distance = mesh_distance(scene, shape, x, y, z)
     else:
-        distance = _primitive(scene.shapes, shape, x, y, z)
-    return distance - scene.shapes[shape, _MARGIN]
+        distance = primitive_distance(shapes, shape, x, y, z)
+    return distance
 
 
 @njit(cache=True, nogil=True)
 def distances_to(scene: Scene, shape: int, points: FloatArray) -> npt.NDArray[np.float64]:
     """Return the signed distances from points of the object's frame, shape (n, 3), to one occlusion."""
-    distances = np.empty(len(points))
+    shapes, distances = scene.shapes, np.empty(len(points))
     for i in range(len(points)):
-        distances[i] = distance_to(scene, shape, points[i, 0], points[i, 1], points[i, 2])
+        distances[i] = distance_to(shapes, scene, shape, points[i, 0], points[i, 1], points[i, 2])
     return distances

@@ -28,16 +28,14 @@ from mebo_grasp.grasp import (
     Pose,
     StampedGrasp,
 )
-from mebo_grasp.solutions.column import Column
 from mebo_grasp.solutions.hand_volume import PackedVolume
 from mebo_grasp.solutions.schema import prepare_schema
+from mebo_grasp.solutions.stored_grasps import StoredGrasps, pack_numbers
 from mebo_grasp.solutions.writer_lock import WriterLock
 
 SQLITE_MAGIC = b"SQLite format 3\x00"
 IN_MEMORY = ":memory:"
 LARGEST_STAMP_NS = 2**63 - 1
-FETCHED_ROWS = 20_000
-CAPSULE_BYTES = 14
 NOT_STORED = -1
 """Key of an object or session that no row names yet."""
 
@@ -47,32 +45,6 @@ _TRIAL_COLUMNS = (
 _DETAIL_COLUMNS = (
     "hand, computation_time, message, joint_names, joint_positions, contact_links, contact_vectors"
 )
-
-
-@dataclass(frozen=True)
-class StoredGrasps:
-    """What the queries need of all stored grasps with a quality above zero, in the order of their stamps.
-
-    Args:
-        trials: number of all trials stored when it was read, those without a quality above zero included.
-        stamps_ns: shape (n,).
-        qualities: shape (n,).
-        positions: of the TCP in the object's frame, shape (n, 3), metres.
-        quaternions: xyzw, shape (n, 4).
-        first_capsule: capsules of grasp i are the rows ``first_capsule[i]`` to ``first_capsule[i + 1]``,
-            shape (n + 1,).
-        capsules: in the TCP's frame, as ``HandVolume.packed`` gives them, shape (c, 7).
-        has_volumes: whether the hand's volume was asked for.
-    """
-
-    trials: int
-    stamps_ns: Column
-    qualities: Column
-    positions: Column
-    quaternions: Column
-    first_capsule: Column
-    capsules: Column
-    has_volumes: bool
 
 
 @dataclass(frozen=True)
@@ -240,12 +212,13 @@ class TrialStore:
         self, connection: sqlite3.Connection, stamped: StampedGrasp, volume: PackedVolume | None
     ) -> bool:
         cursor = connection.execute(
-            f"INSERT OR IGNORE INTO trial (object, session, hand_volume, {_TRIAL_COLUMNS}) "
-            "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+            f"INSERT OR IGNORE INTO trial (object, session, hand_volume, numbers, {_TRIAL_COLUMNS}) "
+            "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
             (
                 self._object_key,
                 self._session,
                 None if volume is None else _to_bytes(volume),
+                _packed_numbers(stamped),
                 *_trial_values(stamped),
             ),
         )
@@ -267,35 +240,14 @@ class TrialStore:
         Raises:
             ArchiveError: the database is damaged.
         """
-        volume = "hand_volume" if with_volumes else "NULL"
-        chosen = "FROM trial WHERE object = ? AND quality > 0"
-        key = (self._object_key,)
         with _as_archive_errors(self.path, "read"):
-            trials, n, volume_bytes = self._connection.execute(
-                f"SELECT count(*), total(quality > 0), total(length({volume})) FROM trial "
-                "WHERE object = ?",
-                key,
-            ).fetchone()
-            stored = _empty_grasps(trials, int(n), int(volume_bytes) // CAPSULE_BYTES, with_volumes)
-            cursor = self._connection.execute(
-                f"SELECT stamp_ns, quality, px, py, pz, qx, qy, qz, qw, {volume} {chosen} "
-                "ORDER BY stamp_ns",
-                key,
-            )
-            begin = 0
-            while rows := cursor.fetchmany(FETCHED_ROWS):
-                _fill(stored, begin, rows)
-                begin += len(rows)
-        return stored
-
-    def stamps_without_volume(self) -> list[int]:
-        """Return the stamps of the grasps with a quality above zero whose hand volume is not stored."""
-        with _as_archive_errors(self.path, "read"):
-            rows = self._connection.execute(
-                "SELECT stamp_ns FROM trial WHERE object = ? AND quality > 0 AND hand_volume IS NULL",
-                (self._object_key,),
-            ).fetchall()
-        return [int(stamp) for (stamp,) in rows]
+            try:
+                return StoredGrasps.load(self._connection, self._object_key, with_volumes)
+            except ValueError as error:
+                raise ArchiveError(
+                    f"cannot read the archive {self.path}: {error}; the file is damaged: restore a copy or "
+                    "name another file"
+                ) from error
 
     def store_volumes(self, volumes: Iterable[tuple[int, PackedVolume]]) -> None:
         """Add the hand's volume to trials that are stored, all in one transaction.
@@ -407,40 +359,14 @@ def _detail_values(grasp: Grasp) -> tuple[float | str | bytes, ...]:
     )
 
 
-def _empty_grasps(trials: int, n: int, capsules: int, with_volumes: bool) -> StoredGrasps:
-    stored = StoredGrasps(
-        trials=trials,
-        stamps_ns=Column(n, np.int64),
-        qualities=Column(n, np.float64),
-        positions=Column(n, np.float64, (3,)),
-        quaternions=Column(n, np.float64, (4,)),
-        first_capsule=Column(n + 1, np.int64),
-        capsules=Column(capsules, np.int16, (7,)),
-        has_volumes=with_volumes,
+def _packed_numbers(stamped: StampedGrasp) -> bytes | None:
+    pose = stamped.grasp.T_object_tcp
+    return pack_numbers(
+        stamped.stamp_ns,
+        stamped.grasp.quality,
+        *pose.position.tolist(),
+        *pose.quaternion_xyzw.tolist(),
     )
-    stored.first_capsule.array[:] = 0
-    return stored
-
-
-def _fill(stored: StoredGrasps, begin: int, rows: list[tuple[Any, ...]]) -> None:
-    """Write rows of the database behind the first ``begin`` grasps."""
-    end = begin + len(rows)
-    columns = list(zip(*rows, strict=True))
-    stored.stamps_ns.array[begin:end] = columns[0]
-    stored.qualities.array[begin:end] = columns[1]
-    for axis in range(3):
-        stored.positions.array[begin:end, axis] = columns[2 + axis]
-    for axis in range(4):
-        stored.quaternions.array[begin:end, axis] = columns[5 + axis]
-    if not stored.has_volumes:
-        return
-    blobs = [blob or b"" for blob in columns[9]]
-    first_capsule = stored.first_capsule.array
-    first = first_capsule[begin]
-    lengths = np.fromiter(map(len, blobs), dtype=np.int64, count=len(blobs))
-    first_capsule[begin + 1 : end + 1] = first + np.cumsum(lengths) // CAPSULE_BYTES
-    capsules = np.frombuffer(b"".join(blobs), dtype="<i2").reshape(-1, 7)
-    stored.capsules.array[first : first + len(capsules)] = capsules
 
 
 def _to_bytes(volume: PackedVolume) -> bytes:

@@ -19,13 +19,16 @@ from mebo_grasp.solutions.archive import SolutionArchive
 from test.property.solution_strategies import many_grasps
 
 KILLS = int(os.environ.get("MEBO_GRASP_KILLS", "8"))
-"""How often the writer is killed; the whole run of issue D is 200 (``make soak``)."""
+"""How often the writer is killed; the whole run is 200 (``make soak``)."""
+DAMAGES = int(os.environ.get("MEBO_GRASP_DAMAGES", "6"))
+"""How many files are damaged at random; the whole run is 100."""
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
 WRITER = """
 import itertools
 import sys
+import threading
 import numpy as np
 from mebo_grasp.grasp import StampedGrasp
 from mebo_grasp.solutions.archive import SolutionArchive
@@ -33,6 +36,10 @@ from test.property.solution_strategies import many_grasps
 first = int(sys.argv[2])
 trials = many_grasps(500, np.random.default_rng(3))
 with SolutionArchive(sys.argv[1], "bottle") as archive:
+    def ask():
+        while True:  # somebody asks all the time
+            archive.solution_set(4, 0.04)
+    threading.Thread(target=ask, daemon=True).start()
     print("open", flush=True)
     for i in itertools.count(first):
         stamp_ns = trials[0].stamp_ns + i
@@ -126,6 +133,57 @@ def test_a_full_disk_refuses_the_trial_and_keeps_the_rest(tmp_path: Path) -> Non
         assert len(archive) == int(stored) > 51
 
 
+def may_mount() -> bool:
+    """Whether this user may mount a file system that only a child sees."""
+    command = ["unshare", "-rm", "mount", "-t", "tmpfs", "tmpfs", "/mnt"]
+    return shutil.which("unshare") is not None and (
+        subprocess.run(command, capture_output=True, check=False).returncode == 0
+    )
+
+
+def test_a_file_system_without_space_refuses_the_trial_and_keeps_the_rest(tmp_path: Path) -> None:
+    if not may_mount():
+        pytest.skip("mounting a small file system is not allowed here")
+    code = """
+    import shutil, sys
+    from pathlib import Path
+    import numpy as np
+    from mebo_grasp.errors import ArchiveError
+    from mebo_grasp.solutions.archive import SolutionArchive
+    from test.property.solution_strategies import many_grasps
+    trials = many_grasps(5000, np.random.default_rng(0))
+    disk = Path(sys.argv[1])
+    (disk / "filler").write_bytes(b"x" * 500_000)
+    archive, stored = SolutionArchive(disk / "archive.db", "bottle"), 0
+    try:
+        for trial in trials:
+            archive.add(trial)
+            stored += 1
+    except ArchiveError as error:
+        message = str(error)
+    assert len(archive) == stored and len(archive.best().grasps) == 1
+    (disk / "filler").unlink()
+    assert archive.add(trials[-1])  # there is space again
+    archive.close()
+    shutil.copy(disk / "archive.db", sys.argv[2])
+    print(stored + 1, message)
+    """
+    script = 'mount -t tmpfs -o size=2m tmpfs "$1" && exec "$0" -c "$3" "$1" "$2"'
+    disk, kept = tmp_path / "disk", tmp_path / "kept.db"
+    disk.mkdir()
+    done = subprocess.run(
+        ["unshare", "-rm", "sh", "-c", script, sys.executable, str(disk), str(kept), textwrap.dedent(code)],
+        cwd=REPOSITORY, capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    stored, _, message = done.stdout.partition(" ")
+    assert "free space on the disk" in message
+    with SolutionArchive(kept, "bottle") as archive:
+        found = [stamped.stamp_ns for stamped in archive.grasps]
+    assert len(found) == int(stored) > 51
+    assert found[:-1] == [s.stamp_ns for s in many_grasps(5000, np.random.default_rng(0))[: len(found) - 1]]
+
+
 @pytest.mark.parametrize("content", [b"timestamp,quality\n1,2\n" * 100, b"\x00" * 4096, b"x"])
 def test_a_file_that_is_no_database_is_refused_and_left(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "notes.db"
@@ -168,7 +226,7 @@ def stamps_or_error(path: Path) -> set[int] | ArchiveError:
         return error
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(DAMAGES))
 def test_a_damaged_file_gives_an_error_or_the_stored_trials(tmp_path: Path, seed: int) -> None:
     path = tmp_path / "archive.db"
     fill(path, 400)

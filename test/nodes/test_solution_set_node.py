@@ -7,15 +7,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseStamped
-from mebo_grasp_interfaces.msg import GraspQuality, Occlusion, OcclusionArray
+import trimesh
+from geometry_msgs.msg import PoseArray, PoseStamped
+from mebo_grasp_interfaces.msg import GraspQuality, OcclusionArray
+from mebo_grasp_interfaces.msg import Occlusion as OcclusionMsg
 from mebo_grasp_interfaces.msg import SolutionSet as SolutionSetMsg
 from mebo_grasp_interfaces.srv import GetBestGrasp, GetSolutionSet, ResetArchive
 from shape_msgs.msg import SolidPrimitive
 
 from mebo_grasp.grasp import Pose
 from mebo_grasp.nodes import qos
+from mebo_grasp.solutions.frames import FrameTransform
+from mebo_grasp.solutions.occlusion import Occlusion, TriangleMesh
+from msg_adapters.occlusion import to_occlusion_msg
 from msg_adapters.pose import to_pose_stamped_msg
+from msg_adapters.transform import to_transform_stamped_msg
 
 from .harness import Inbox, Probe, wait_until
 from .scenes import OBJECT, answer, box_occlusion
@@ -27,11 +33,13 @@ QUALITIES = (0.3, 0.5, 0.4)
 
 
 class Desk:
-    """One solution set node, with what a test needs to talk to it."""
+    """One solution set node, with what a test needs to talk to it; by the TCP rule unless told otherwise."""
 
-    def __init__(self, launch, probe: Probe, folder: Path) -> None:
+    def __init__(self, launch, probe: Probe, folder: Path, **parameters) -> None:
         self.probe = probe
-        self.node = launch("solution_set_node", object=OBJECT, database=str(folder / "trials.db"))
+        parameters = {"occlusion_rule": "tcp"} | parameters
+        database = str(folder / "trials.db")
+        self.node = launch("solution_set_node", object=OBJECT, database=database, **parameters)
         self.best: Inbox[PoseStamped] = probe.listen(PoseStamped, "best_grasp", qos.LATCHED)
         self.set: Inbox[SolutionSetMsg] = probe.listen(SolutionSetMsg, "solution_set", qos.LATCHED)
         self._qualities = probe.publisher(GraspQuality, "grasp_quality", qos.QUALITIES)
@@ -85,6 +93,7 @@ def test_occlusions_of_the_request_filter_the_best(filled: Desk) -> None:
     reply = filled.ask(everything)
     assert (reply.error_code, reply.considered, reply.occluded) == (reply.ALL_OCCLUDED, 3, 3)
     assert "wall" in reply.message
+    assert (list(reply.blocked_by), list(reply.blocked)) == (["wall"], [3])
     assert [g.quality for g in filled.ask(max_grasps=10).grasps] == [0.5, 0.4, 0.3]
     assert [g.quality for g in filled.ask(max_grasps=10, min_quality=0.35).grasps] == [0.5, 0.4]
     assert [g.quality for g in filled.ask(max_grasps=10, min_diversity=0.1).grasps] == [0.5]
@@ -105,7 +114,120 @@ def test_occlusions_of_the_topic_are_known_until_ignored(filled: Desk) -> None:
     assert filled.best.wait_for(lambda m: m.pose.position.z == 0.0, after=seen + 1)
 
 
-def bad_occlusions() -> list[Occlusion]:
+AT_THE_FINGERTIPS = (0.08, 0.1, 0.011)
+"""Of a left iCub hand whose TCP is at (0, 0.1, 0), turned like the object; 8 cm from the TCP."""
+ON_THE_WAY = (-0.064, 0.1, 0.064)
+"""9 cm before that TCP against the approach axis, beside the hand."""
+
+
+def test_the_hand_and_its_approach_count_by_the_hand_rule_and_the_tcp_alone_by_the_thesiss(
+    launch, probe: Probe, tmp_path: Path
+) -> None:
+    desk = Desk(launch, probe, tmp_path, occlusion_rule="hand", approach_length=0.1)
+    desk.add(0.5, hand="icub_left")
+    desk.best.wait_for()
+    rules = GetBestGrasp.Request
+    for place, size in ((AT_THE_FINGERTIPS, 0.01), (ON_THE_WAY, 0.01)):
+        thing = box_occlusion(place, (size, size, size), name="cup")
+        for rule in (rules.RULE_OF_NODE, rules.RULE_HAND):
+            reply = desk.ask(thing, rule=rule)
+            assert (reply.error_code, list(reply.blocked_by)) == (reply.ALL_OCCLUDED, ["cup"])
+        assert desk.ask(thing, rule=rules.RULE_TCP).error_code == reply.NONE
+    beside = box_occlusion((0.0, 0.3, 0.0), (0.01, 0.01, 0.01))
+    assert desk.ask(beside).error_code == reply.NONE
+    beside.margin = 0.2
+    assert desk.ask(beside).error_code == reply.ALL_OCCLUDED
+
+
+def test_parameters_say_how_long_and_along_what_the_hand_arrives_and_the_margin(
+    launch, probe: Probe, tmp_path: Path
+) -> None:
+    desk = Desk(
+        launch, probe, tmp_path,
+        occlusion_rule="hand", approach_length=0.3, approach_axis=[0.0, -1.0, 0.0], occlusion_margin=0.02,
+    )  # fmt: skip
+    desk.add(0.5, hand="icub_left")
+    desk.best.wait_for()
+    assert desk.ask(box_occlusion(ON_THE_WAY, (0.01, 0.01, 0.01))).error_code == 0
+    behind = box_occlusion((0.0, 0.39, 0.0), (0.01, 0.01, 0.01))
+    assert desk.ask(behind).error_code == GetBestGrasp.Response.ALL_OCCLUDED
+    assert desk.ask(box_occlusion((0.0, 0.415, 0.0), (0.01, 0.01, 0.01))).error_code == (
+        GetBestGrasp.Response.ALL_OCCLUDED
+    )
+    assert desk.ask(box_occlusion((0.0, 0.43, 0.0), (0.01, 0.01, 0.01))).error_code == 0
+
+
+def test_an_unknown_hand_is_named_and_the_parameters_hand_stands_in(
+    launch, probe: Probe, tmp_path: Path
+) -> None:
+    desk = Desk(launch, probe, tmp_path, occlusion_rule="hand")
+    desk.add(0.5, hand="claw")
+    desk.node.wait_for_log("'claw'")
+    assert desk.ask(box_occlusion(AT_THE_FINGERTIPS, (0.01, 0.01, 0.01))).occluded == 1
+
+
+def test_static_transforms_lead_occlusions_of_other_frames_to_the_object(
+    launch, probe: Probe, tmp_path: Path
+) -> None:
+    transforms = ["world bottle 1 0 0 0 0 0 1", "world camera 1 0 0.5 0 0 0 1"]
+    desk = Desk(launch, probe, tmp_path, static_transforms=transforms)
+    for height, quality in zip(HEIGHTS, QUALITIES, strict=True):
+        desk.add(quality, (0.0, 0.1, height))
+    wait_until(lambda: desk.stored() == 3)
+    seen = box_occlusion((0.0, 0.1, -0.5), (0.05, 0.05, 0.05), frame="camera")
+    assert [g.quality for g in desk.ask(seen, max_grasps=3).grasps] == [0.4, 0.3]
+    elsewhere = box_occlusion((0.0, 0.1, -0.5), (0.05, 0.05, 0.05), frame="kitchen")
+    assert desk.ask(elsewhere).error_code == GetBestGrasp.Response.WRONG_FRAME
+    place = FrameTransform("kitchen", "camera", Pose(np.array([0.0, 0.0, 0.08])))
+    elsewhere.transforms = [to_transform_stamped_msg(place)]
+    assert [g.quality for g in desk.ask(elsewhere, max_grasps=3).grasps] == [0.5, 0.4]
+
+
+def test_a_mesh_blocks_over_ros(filled: Desk) -> None:
+    cube = trimesh.creation.box((0.05, 0.05, 0.05))
+    mesh = TriangleMesh(np.array(cube.vertices), np.array(cube.faces))
+    occlusion = Occlusion("cube", mesh, Pose(np.array([0.0, 0.1, 0.0])))
+    reply = filled.ask(to_occlusion_msg(occlusion, OBJECT))
+    assert ([g.quality for g in reply.grasps], list(reply.blocked_by)) == ([0.4], ["cube"])
+
+
+def test_poses_of_the_set_are_published_for_rviz(filled: Desk) -> None:
+    poses: Inbox[PoseArray] = filled.probe.listen(PoseArray, "solution_poses", qos.LATCHED)
+    array = poses.wait_for(lambda m: len(m.poses) == 3)
+    assert array.header.frame_id == OBJECT
+    assert [pose.position.z for pose in array.poses] == [0.0, 0.08, -0.08]
+
+
+@pytest.mark.parametrize(
+    ("parameters", "expected"),
+    [
+        ({"occlusion_rule": "guess"}, "guess"),
+        ({"static_transforms": ["world bottle 1 2"]}, "world bottle 1 2"),
+        ({"symmetry_axis": [0.0, 0.0, 0.0]}, "symmetry_axis"),
+        ({"approach_axis": [1.0]}, "approach_axis"),
+        ({"hand": "claw"}, "claw"),
+        ({"approach_length": -0.1}, "approach_length"),
+    ],
+)
+def test_parameters_that_cannot_work_end_the_node_by_name(
+    launch, tmp_path: Path, parameters: dict[str, object], expected: str
+) -> None:
+    node = launch("solution_set_node", database=str(tmp_path / "trials.db"), **parameters)
+    assert node.process.wait(60.0) == 2
+    assert expected in node.log
+    assert not (tmp_path / "trials.db").exists()
+
+
+def test_grasps_of_a_symmetric_object_are_not_diverse_by_a_turn(launch, probe: Probe, tmp_path: Path) -> None:
+    desk = Desk(launch, probe, tmp_path, symmetry_axis=[0.0, 0.0, 2.0], rotation_weight=0.0)
+    desk.add(0.5, (0.0, 0.1, 0.0))
+    desk.add(0.4, (0.1, 0.0, 0.0))
+    desk.add(0.3, (0.1, 0.0, 0.1))
+    wait_until(lambda: desk.stored() == 3)
+    assert [g.quality for g in desk.ask(max_grasps=3, min_diversity=0.05).grasps] == [0.5, 0.3]
+
+
+def bad_occlusions() -> list[OcclusionMsg]:
     wrong_frame = box_occlusion((0, 0, 0), (1, 1, 1), frame="kitchen")
     negative = box_occlusion((0, 0, 0), (-1, 1, 1))
     too_few = box_occlusion((0, 0, 0), (1, 1, 1))
@@ -128,7 +250,7 @@ def test_bad_requests_get_a_code_and_the_node_goes_on(filled: Desk) -> None:
         reply = filled.ask(occlusion)
         assert (reply.error_code, list(reply.grasps)) == (reply.INVALID_REQUEST, [])
         assert reply.message
-    for fields in ({"min_quality": math.nan}, {"min_quality": -1.0}, {"min_diversity": math.inf}):
+    for fields in ({"min_quality": math.nan}, {"min_quality": -1.0}, {"min_diversity": math.inf}, {"rule": 9}):
         reply = filled.ask(**fields)
         assert reply.error_code == reply.INVALID_REQUEST
     assert filled.ask().grasps[0].quality == 0.5

@@ -3,6 +3,7 @@
 import contextlib
 
 import numpy as np
+from geometry_msgs.msg import TransformStamped
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mebo_grasp_interfaces.msg import GraspQuality
@@ -88,11 +89,23 @@ def test_any_answer_is_a_value_or_a_typed_error(message: GraspQuality) -> None:
     dimensions=st.lists(any_float, max_size=3),
     position=any_float,
     w=any_float,
+    margin=any_float,
+    translation=any_float,
 )
 def test_any_occlusion_is_a_value_or_a_typed_error(
-    name: str, kind: int, dimensions: list[float], position: float, w: float
+    name: str,
+    kind: int,
+    dimensions: list[float],
+    position: float,
+    w: float,
+    margin: float,
+    translation: float,
 ) -> None:
-    message = OcclusionMsg(id=name)
+    message = OcclusionMsg(id=name, margin=margin)
+    if translation:
+        message.header.frame_id = "camera"
+        message.transforms = [TransformStamped(child_frame_id="camera")]
+        message.transforms[0].transform.translation.x = translation
     message.shape.type, message.shape.dimensions = kind, dimensions
     message.pose.position.x, message.pose.orientation.w = position, w
     with contextlib.suppress(MeboGraspError):

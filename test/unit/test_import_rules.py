@@ -55,9 +55,11 @@ def _layers() -> tuple[Room, ...]:
 
 
 THREE_ROOMS = (OPTIMIZATION, "mebo_grasp.grasping", "mebo_grasp.solutions")
-BELOW_NODES = (*GROUND, *THREE_ROOMS, "mebo_grasp.experiments", "msg_adapters")
+BELOW_NODES = (*GROUND, *THREE_ROOMS, "mebo_grasp.hand_volumes", "mebo_grasp.experiments", "msg_adapters")
 # Value types of the solutions room that have a message.
-SOLUTION_VALUES = ("mebo_grasp.solutions.occlusion", "mebo_grasp.solutions.solution_set")
+SOLUTION_VALUES = (
+    "mebo_grasp.solutions.frames", "mebo_grasp.solutions.occlusion", "mebo_grasp.solutions.solution_set",
+)
 
 ROOMS = (
     Room("mebo_grasp", (), closed=True),
@@ -69,7 +71,9 @@ ROOMS = (
     Room("mebo_grasp.grasping", GROUND, (BULLET,)),
     Room("mebo_grasp.solutions", GROUND),
     Room("msg_adapters", (*GROUND, *SOLUTION_VALUES), (MESSAGES, AMENT_INDEX)),
-    Room("mebo_grasp.experiments", (*GROUND, *THREE_ROOMS)),
+    # What the simulator knows of a hand, in the terms of the solution set.
+    Room("mebo_grasp.hand_volumes", (*GROUND, "mebo_grasp.grasping", "mebo_grasp.solutions")),
+    Room("mebo_grasp.experiments", (*GROUND, *THREE_ROOMS, "mebo_grasp.hand_volumes")),
     Room("mebo_grasp.nodes", BELOW_NODES, (ROS_CLIENT, MESSAGES, AMENT_INDEX)),
     Room("mebo_grasp.cli", ("mebo_grasp.__version__", "mebo_grasp.nodes", *BELOW_NODES)),
 )

@@ -19,6 +19,7 @@ from mebo_grasp.errors import (
 )
 from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, HandPosture, Pose, StampedGrasp
 from mebo_grasp.solutions.diversity import PoseMetric
+from mebo_grasp.solutions.frames import FrameTransform, FrameTree
 from mebo_grasp.solutions.occlusion import (
     Box,
     Cone,
@@ -41,6 +42,7 @@ from msg_adapters.occlusion import (
 from msg_adapters.pose import from_pose_stamped_msg, to_pose_array_msg, to_pose_stamped_msg
 from msg_adapters.solution_set import from_solution_set_msg, to_solution_set_msg
 from msg_adapters.time import from_duration_msg, from_time_msg, to_duration_msg, to_time_msg
+from msg_adapters.transform import from_transform_stamped_msg, to_transform_stamped_msg
 
 GRASP = Grasp(
     Pose.from_rpy([0.01, -0.02, 0.1], [0.1, 0.2, 0.3]),
@@ -194,6 +196,70 @@ def test_an_occlusion_in_another_frame_is_refused_and_both_are_named() -> None:
         from_occlusion_msg(primitive(SolidPrimitive.SPHERE, 1), "mug")
 
 
+def in_frame(frame: str) -> OcclusionMsg:
+    message = primitive(SolidPrimitive.BOX, 1, 2, 3)
+    message.header.frame_id = frame
+    message.pose.position.x = 1.0
+    return message
+
+
+QUARTER = np.array([0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)])
+"""A quarter turn about z: x becomes y."""
+
+
+def test_known_transforms_lead_an_occlusion_into_the_objects_frame() -> None:
+    frames = FrameTree(
+        [
+            FrameTransform("world", "bottle", Pose(np.array([0.0, 0.0, 1.0]))),
+            FrameTransform("world", "/camera", Pose(np.array([2.0, 0.0, 0.0]), QUARTER)),
+        ]
+    )
+    found = from_occlusion_msg(in_frame("/camera"), "bottle", frames).T_object_shape
+    np.testing.assert_allclose(found.position, [2.0, 1.0, -1.0], atol=1e-12)
+    np.testing.assert_allclose(found.transform_points([1.0, 0.0, 0.0]), [2.0, 2.0, -1.0], atol=1e-12)
+
+
+def test_a_transform_in_the_message_counts_for_it_alone() -> None:
+    message = in_frame("camera")
+    place = FrameTransform("camera", "bottle", Pose(np.array([0.25, 0.0, 0.0])))
+    message.transforms = [to_transform_stamped_msg(place)]
+    found = from_occlusion_msg(message, "bottle")
+    np.testing.assert_allclose(found.T_object_shape.position, [0.75, 0.0, 0.0])
+    other = in_frame("camera")
+    other.id = "mug"
+    with pytest.raises(WrongFrameError, match="'mug'"):
+        from_occlusion_msgs([message, other], "bottle")
+
+
+def test_unusable_transforms_are_refused_by_name() -> None:
+    message = in_frame("camera")
+    transform = to_transform_stamped_msg(FrameTransform("camera", "bottle", Pose.identity()))
+    transform.transform.rotation.w = 0.0
+    message.transforms = [transform]
+    with pytest.raises(InvalidMessageError, match=r"'cup'.*from 'camera' to 'bottle'.*norm 0"):
+        from_occlusion_msg(message, "bottle")
+    transform.transform.rotation.w = 1.0
+    transform.child_frame_id = ""
+    with pytest.raises(InvalidMessageError, match="two different frames"):
+        from_occlusion_msg(message, "bottle")
+
+
+def test_a_transform_survives_the_way_through_a_message() -> None:
+    place = FrameTransform("a", "b", Pose.from_rpy([1.0, 2.0, 3.0], [0.1, 0.2, 0.3]))
+    back = from_transform_stamped_msg(to_transform_stamped_msg(place, 7))
+    assert (back.parent, back.child) == ("a", "b")
+    np.testing.assert_allclose(back.T_parent_child.matrix, place.T_parent_child.matrix, atol=1e-15)
+
+
+def test_a_margin_is_kept_and_a_negative_one_refused() -> None:
+    message = to_occlusion_msg(Occlusion("cup", Sphere(0.1), Pose.identity(), margin=0.02), "bottle")
+    assert from_occlusion_msg(message, "bottle").margin == 0.02
+    for margin in (-0.01, math.nan, math.inf):
+        message.margin = margin
+        with pytest.raises(InvalidOcclusionError, match=r"^occlusion 'cup': margin"):
+            from_occlusion_msg(message, "bottle")
+
+
 def test_names_of_occlusions_are_unique_and_not_empty() -> None:
     cup = primitive(SolidPrimitive.SPHERE, 1)
     with pytest.raises(InvalidOcclusionError, match=r"unique.*cup"):
@@ -215,10 +281,15 @@ def test_an_array_of_occlusions_keeps_their_order() -> None:
     assert [(o.id, o.shape) for o in found] == [(o.id, o.shape) for o in known]
 
 
-def test_a_shape_of_another_kind_cannot_be_sent() -> None:
+def test_a_mesh_is_sent_instead_of_a_shape() -> None:
     mesh = TriangleMesh(np.eye(3), np.array([[0, 1, 2]]))
-    with pytest.raises(InvalidMessageError, match="TriangleMesh"):
-        to_occlusion_msg(Occlusion("o", mesh, Pose.identity()), "bottle")
+    message = to_occlusion_msg(Occlusion("o", mesh, Pose.identity()), "bottle")
+    found = from_occlusion_msg(message, "bottle").shape
+    assert isinstance(found, TriangleMesh)
+    np.testing.assert_array_equal(found.vertices, mesh.vertices)
+    message.shape = SolidPrimitive(type=SolidPrimitive.SPHERE, dimensions=[1.0])
+    with pytest.raises(InvalidMessageError, match="'o': both a mesh and the dimensions"):
+        from_occlusion_msg(message, "bottle")
 
 
 def test_a_mesh_keeps_its_corners_and_faces() -> None:

@@ -48,7 +48,7 @@ def test_an_archive_of_version_1_keeps_its_trials_and_learns_hand_volumes(tmp_pa
         assert archive.best(BY_HAND).occluded == 1
         assert len(archive.best(BestGraspQuery((BEHIND,))).grasps) == 1
     connection = sqlite3.connect(path)
-    assert schema_version(connection) == len(MIGRATIONS) == 2
+    assert schema_version(connection) == len(MIGRATIONS) == 3
     (stored,) = connection.execute("SELECT hand_volume FROM trial WHERE stamp_ns = 10").fetchone()
     connection.close()
     np.testing.assert_array_equal(np.frombuffer(stored, "<i2").reshape(-1, 7), BALL.packed())

@@ -1,0 +1,77 @@
+"""The page with the grasps of a stored run in 3-D."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from mebo_grasp.errors import InvalidHandError
+from mebo_grasp.grasp import Grasp
+from mebo_grasp.grasping.hand_model import HAND_NAMES, HandModel, PlacedShape
+from mebo_grasp.grasping.rendering import shape_mesh
+from mebo_grasp.grasping.target_object import TargetObject
+from mebo_grasp.solutions.occlusion import Occlusion
+from mebo_grasp.solutions.page import Mesh, write_page
+from mebo_grasp.solutions.solution_set import SolutionSet
+
+SECTIONS = 12
+"""Sides of a finger on the page."""
+
+
+def posture_mesh(hand: HandModel, grasp: Grasp) -> Mesh:
+    """Return the mesh of a hand in its final posture, in the object's frame.
+
+    Args:
+        hand: the hand; for a grasp by another built-in hand that one is taken.
+        grasp: tells posture and pose; where its posture is of another hand, the preshape is taken.
+    """
+    if grasp.hand != hand.name and grasp.hand in HAND_NAMES:
+        hand = HandModel.load(grasp.hand)
+    try:
+        shapes = hand.link_geometry(grasp.hand_posture if grasp.hand_posture.names else None)
+    except InvalidHandError:
+        shapes = hand.link_geometry()
+    parts = []
+    for shape in shapes:
+        mesh = _coarse_mesh(shape)
+        mesh.apply_transform(shape.T_tcp_shape.matrix)
+        parts.append(mesh)
+    whole = trimesh.util.concatenate(parts)
+    return Mesh(grasp.T_object_tcp.transform_points(np.array(whole.vertices)), np.array(whole.faces))
+
+
+def _coarse_mesh(shape: PlacedShape) -> trimesh.Trimesh:
+    """Return a mesh of few triangles: there are some twenty shapes a hand, and a page is to stay small."""
+    if shape.kind != "capsule":
+        return shape_mesh(shape)
+    radius, length = shape.dims
+    capsule = trimesh.creation.capsule(length, radius, count=[SECTIONS, SECTIONS])
+    capsule.apply_translation(-capsule.bounds.mean(axis=0))
+    return capsule
+
+
+def write_run_page(
+    path: Path,
+    solutions: SolutionSet,
+    target: TargetObject,
+    hand: HandModel,
+    occlusions: Sequence[Occlusion],
+) -> None:
+    """Write the page of a set.
+
+    Args:
+        path: HTML file.
+        solutions: the set.
+        target: the object.
+        hand: hand of the grasps that name no built-in one.
+        occlusions: to be shown as well.
+
+    Raises:
+        InvalidFileError: the file cannot be written.
+    """
+    mesh = Mesh(np.array(target.mesh.vertices), np.array(target.mesh.faces))
+    hands = [posture_mesh(hand, stamped.grasp) for stamped in solutions.grasps]
+    write_page(path, solutions, mesh, hands, occlusions)
