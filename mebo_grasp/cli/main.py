@@ -10,14 +10,14 @@ import sys
 from collections.abc import Sequence
 
 from mebo_grasp import __version__
-from mebo_grasp.cli import experiment, explore, show
+from mebo_grasp.cli import doctor, experiment, explore, show, trial
 from mebo_grasp.errors import MeboGraspError
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2
 EXIT_INTERRUPTED = 130
 
-COMMANDS = (explore, show, experiment)
+COMMANDS = (explore, show, trial, doctor, experiment)
 
 
 def make_parser() -> argparse.ArgumentParser:

@@ -14,6 +14,8 @@ FloatArray = npt.NDArray[np.float64]
 
 SPHERES_OF_ROD = 5
 BOX_SPHERE_SPACING = 0.012
+MOST_BOX_SPHERES_ALONG = 16
+"""Longer boxes get larger spheres; in a hand they come from a wrong unit, and would fill the memory."""
 SLICES_OF_MESH = 5
 
 
@@ -42,7 +44,7 @@ def _rod(span: float, radius: float, spacing: float) -> tuple[FloatArray, FloatA
 
 
 def _box_spheres(sides: FloatArray) -> tuple[FloatArray, FloatArray]:
-    counts = np.maximum(1, np.ceil(sides / BOX_SPHERE_SPACING).astype(int))
+    counts = np.clip(np.ceil(sides / BOX_SPHERE_SPACING), 1, MOST_BOX_SPHERES_ALONG).astype(int)
     axes = [-sides[k] / 2.0 + sides[k] / counts[k] * (np.arange(counts[k]) + 0.5) for k in range(3)]
     centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     return centers, np.full(len(centers), float(np.linalg.norm(sides / counts)) / 2.0)

@@ -14,6 +14,7 @@ QualityName = Literal["epsilon", "volume", "isotropy", "force_closure_epsilon"]
 EngineName = Literal["bullet", "fast"]
 ContactRule = Literal["touching", "pressing"]
 
+ENGINE_NAMES: tuple[str, ...] = ("bullet", "fast")
 QUALITY_NAMES: tuple[str, ...] = ("epsilon", "volume", "isotropy", "force_closure_epsilon")
 
 
@@ -66,7 +67,7 @@ class TrialSettings:
             raise InvalidSettingsError(
                 f"quality '{self.quality}' is unknown; use one of {', '.join(QUALITY_NAMES)}"
             )
-        if self.engine not in ("bullet", "fast"):
+        if self.engine not in ENGINE_NAMES:
             raise InvalidSettingsError(f"engine '{self.engine}' must be 'bullet' or 'fast'")
         if self.contact_rule not in ("touching", "pressing"):
             raise InvalidSettingsError(f"contact_rule '{self.contact_rule}' must be 'touching' or 'pressing'")
