@@ -14,14 +14,14 @@ HANG_SECONDS ?= 300
 # What `make bench` measures; one BLAS thread each, so that "on one core" means it.
 BENCHES := mebo_grasp.experiments.bench_hand mebo_grasp.experiments.bench_optimizer \
 	mebo_grasp.experiments.bench_solutions mebo_grasp.nodes.bench_nodes
-bench test test-quick: export OMP_NUM_THREADS = 1
-bench test test-quick: export OPENBLAS_NUM_THREADS = 1
+bench bench-hand sweep-objects test test-quick: export OMP_NUM_THREADS = 1
+bench bench-hand sweep-objects test test-quick: export OPENBLAS_NUM_THREADS = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup icub-meshes demo test test-quick lint check-types bench build-ros clean clean-all
+.PHONY: help setup icub-meshes demo test test-quick lint check-types bench bench-hand sweep-objects build-ros clean clean-all
 
 help:  ## Show this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup:  ## Make or update .venv: requirements, typed interfaces, this package (PYTHON=python3.12 to choose)
 	@$(PYTHON) tools/setup_environment.py --venv "$(VENV)"
@@ -44,6 +44,12 @@ lint: setup  ## Check style and types of code, tests and tools
 
 bench: setup  ## Measure speed, memory and latency; prints the figures with their spread
 	@for module in $(BENCHES); do echo "== $$module"; $(BIN)/python -m "$$module" || exit 1; echo; done
+
+bench-hand: setup  ## Measure the simulated hand alone, beside Simox's reference trials where they are at hand
+	@$(BIN)/python -m mebo_grasp.experiments.bench_hand
+
+sweep-objects: setup  ## Try a thousand meshes of pybullet_data; goes on where out/object_sweep.jsonl ends
+	@$(BIN)/python -m mebo_grasp.experiments.object_sweep
 
 build-ros:  ## With an installed, sourced ROS 2: colcon build of both packages into install/
 	@command -v colcon >/dev/null || { echo "colcon is missing: sudo apt install python3-colcon-common-extensions"; exit 1; }

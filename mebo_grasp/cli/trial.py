@@ -13,7 +13,7 @@ from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.pose_space import position_space
 from mebo_grasp.grasping.rendering import render_trial
 from mebo_grasp.grasping.simulator import GraspSimulator
-from mebo_grasp.grasping.target_object import TargetObject
+from mebo_grasp.grasping.target_object import CONCAVE_SHAPES, TargetObject
 from mebo_grasp.grasping.trial import ENGINE_NAMES, QUALITY_NAMES, TrialSettings
 
 
@@ -28,6 +28,9 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     parser.add_argument("--object", default="bottle", help="built-in name or mesh file (default: bottle)")
     parser.add_argument("--scale", type=float, default=1.0, help="factor from the mesh's unit to metres")
+    parser.add_argument(
+        "--concave", default="surface", choices=CONCAVE_SHAPES, help="what stands for a concave mesh (default: surface)"
+    )
     parser.add_argument("--hand", default="icub_left", help="built-in name or hand description")
     parser.add_argument(
         "--pose", nargs="+", metavar="NUMBER", help="default: the middle of the object's position space"
@@ -47,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
     settings = TrialSettings(
         friction=options.friction, cone_edges=options.edges, quality=options.metric, engine=options.engine
     )
-    target = TargetObject.load(options.object, options.scale)
+    target = TargetObject.load(options.object, options.scale, options.concave)
     hand = HandModel.load(options.hand)
     pose = middle_pose(target, hand) if options.pose is None else parse_pose(" ".join(options.pose))
     with GraspSimulator(target, hand, settings) as simulator:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import cast
 
 from geometry_msgs.msg import PoseStamped
 from mebo_grasp_interfaces.msg import GraspQuality
@@ -16,7 +17,7 @@ from mebo_grasp.grasp import Grasp, Pose, StampedGrasp
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.pose_space import position_space
 from mebo_grasp.grasping.simulator import GraspSimulator
-from mebo_grasp.grasping.target_object import TargetObject
+from mebo_grasp.grasping.target_object import ConcaveShape, TargetObject
 from mebo_grasp.grasping.trial import TrialSettings
 from mebo_grasp.nodes import markers, qos
 from mebo_grasp.nodes.clock import StampSource
@@ -38,7 +39,9 @@ class HandNode(Node):
     def __init__(self) -> None:
         super().__init__("hand_node")
         settings = declare(self, HandNodeSettings)
-        self._target = TargetObject.load(settings.object, settings.object_scale)
+        self._target = TargetObject.load(
+            settings.object, settings.object_scale, cast(ConcaveShape, settings.object_concave)
+        )
         self._hand = HandModel.load(settings.hand)
         self._simulator = GraspSimulator(
             self._target,

@@ -16,6 +16,9 @@ class HandNodeSettings:
     object_scale: float = parameter(
         1.0, "factor from the mesh file's unit to metres (0.001 for millimetres)", least=1e-9, most=1e9
     )
+    object_concave: str = parameter(
+        "surface", "what stands for a concave mesh: surface (exact), or parts (convex ones, by coacd)"
+    )
     hand: str = parameter("icub_left", "hand: a built-in name or the path of a hand description (YAML)")
     hand_namespace: str = parameter(
         "", "prefix of this hand's own topics (candidate_pose, joint_states, …); empty for none"
