@@ -18,8 +18,9 @@ from scipy.stats import qmc
 from mebo_grasp.errors import MeboGraspError
 from mebo_grasp.grasp import GraspOutcome, HandPosture
 from mebo_grasp.grasping.hand_arrays import build_hand_arrays
-from mebo_grasp.grasping.hand_model import HandModel, PlacedShape
+from mebo_grasp.grasping.hand_model import HAND_NAMES, HandModel, PlacedShape
 from mebo_grasp.grasping.hand_motion import new_poses, open_hand_gap, place_hand
+from mebo_grasp.grasping.icub_meshes import meshes_folder
 from mebo_grasp.grasping.pose_space import position_space
 from mebo_grasp.grasping.shape_cover import covering_spheres
 from mebo_grasp.grasping.simulator import GraspSimulator
@@ -72,12 +73,15 @@ def _which_hand(hand: HandModel) -> Finding:
     kinds = Counter(shape.kind for shape in hand.urdf.collisions)
     shapes = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
     sort = "mesh hand" if kinds["mesh"] else "light hand, primitives only"
+    hint = ""
+    if hand.name in HAND_NAMES and meshes_folder() is not None:
+        hint = f"; with the iCub's meshes, which are installed: hand {hand.name}_mesh"
     return Finding(
         Level.OK,
         "hand",
         f"'{hand.name}': {sort} ({shapes}); {len(hand.fingers)} fingers, "
         f"{sum(len(finger.joints) for finger in hand.fingers)} closing of {len(hand.joint_names)} joints; "
-        f"{hand.urdf_path}",
+        f"{hand.urdf_path}{hint}",
     )
 
 

@@ -12,6 +12,7 @@ import yaml
 
 from mebo_grasp.errors import InvalidHandError
 from mebo_grasp.grasp import Pose
+from mebo_grasp.grasping.package_files import resolve
 
 KNOWN_KEYS = {
     "name",
@@ -98,7 +99,7 @@ def _description(data: dict[str, Any], path: Path) -> HandDescription:
     normal = _unit(data["palm_normal"], "palm_normal")
     return HandDescription(
         name=str(data["name"]),
-        urdf_path=(path.parent / str(data["urdf"])).resolve(),
+        urdf_path=resolve(str(data["urdf"]), path.parent, path),
         tcp_link=str(tcp["link"]),
         T_link_tcp=Pose.from_rpy(tcp.get("xyz", (0, 0, 0)), tcp.get("rpy", (0, 0, 0))),
         palm_links=tuple(str(link) for link in data["palm_links"]),

@@ -59,12 +59,27 @@ def _mesh_spheres(vertices: FloatArray) -> tuple[FloatArray, FloatArray]:
     cuts = np.linspace(heights.min(), heights.max(), SLICES_OF_MESH + 1)
     centers, radii = [], []
     for low, high in pairwise(cuts):
-        piece = trimesh.intersections.slice_mesh_plane(hull, axis, axis * low)
-        piece = trimesh.intersections.slice_mesh_plane(piece, -axis, axis * high)
-        points = np.asarray(piece.vertices)
+        points = slab_points(hull, axis, low, high)
         if len(points) == 0:
             continue
         center = points.mean(axis=0)
         centers.append(center)
         radii.append(float(np.linalg.norm(points - center, axis=1).max()))
     return np.array(centers), np.array(radii)
+
+
+def slab_points(mesh: trimesh.Trimesh, axis: FloatArray, low: float, high: float) -> FloatArray:
+    """Return the corners of the part of a surface whose height along an axis lies between two values, shape (n, 3).
+
+    These are the vertices in between, and the points where edges cross the two planes.
+    """
+    vertices, edges = np.asarray(mesh.vertices), np.asarray(mesh.edges_unique)
+    heights = vertices @ axis
+    found = [vertices[(heights >= low) & (heights <= high)]]
+    start, end = heights[edges[:, 0]], heights[edges[:, 1]]
+    for cut in (low, high):
+        crosses = (start - cut) * (end - cut) < 0.0
+        share = ((cut - start[crosses]) / (end[crosses] - start[crosses]))[:, None]
+        first, second = vertices[edges[crosses, 0]], vertices[edges[crosses, 1]]
+        found.append(first + share * (second - first))
+    return np.vstack(found)
