@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from mebo_grasp.grasping.pose_space import position_space
 from mebo_grasp.grasping.rendering import render_trial
 from mebo_grasp.grasping.simulator import GraspSimulator
 from mebo_grasp.grasping.target_object import CONCAVE_SHAPES, TargetObject
-from mebo_grasp.grasping.trial import ENGINE_NAMES, QUALITY_NAMES, TrialSettings
+from mebo_grasp.grasping.trial import CONTACT_MODELS, ENGINE_NAMES, QUALITY_NAMES, TrialSettings
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -39,6 +40,9 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser.add_argument("--metric", default="epsilon", choices=QUALITY_NAMES, help="the quality (default: epsilon)")
     parser.add_argument("--friction", type=float, default=0.5, help="coefficient of friction (default: 0.5)")
     parser.add_argument("--edges", type=int, default=8, help="edges of a friction pyramid (default: 8)")
+    parser.add_argument(
+        "--contact", default="hard", choices=CONTACT_MODELS, help="what a contact transmits (default: hard)"
+    )
     parser.add_argument("--out", type=Path, help="PNG file to draw the trial into")
     parser.set_defaults(run=run)
 
@@ -48,7 +52,11 @@ def run(options: argparse.Namespace) -> int:
     if options.out is not None and options.out.suffix.lower() != ".png":
         raise InvalidSettingsError(f"--out {options.out} must end in .png")
     settings = TrialSettings(
-        friction=options.friction, cone_edges=options.edges, quality=options.metric, engine=options.engine
+        friction=options.friction,
+        cone_edges=options.edges,
+        contact_model=options.contact,
+        quality=options.metric,
+        engine=options.engine,
     )
     target = TargetObject.load(options.object, options.scale, options.concave)
     hand = HandModel.load(options.hand)
@@ -56,7 +64,8 @@ def run(options: argparse.Namespace) -> int:
     with GraspSimulator(target, hand, settings) as simulator:
         simulator.trial(pose)  # The first one loads compiled code, which is not what a trial takes.
         grasp = simulator.trial(pose)
-    print(trial_text(grasp, settings))
+        further = simulator.further_metrics(grasp)
+    print(trial_text(grasp, settings, further))
     if options.out is not None:
         render_trial(target, hand, grasp, options.out)
         print(f"\npicture: {options.out}")
@@ -90,8 +99,8 @@ def parse_pose(text: str) -> Pose:
     )
 
 
-def trial_text(grasp: Grasp, settings: TrialSettings) -> str:
-    """Return everything a trial yielded, for a person to read."""
+def trial_text(grasp: Grasp, settings: TrialSettings, further: Mapping[str, float]) -> str:
+    """Return everything a trial yielded, for a person to read; ``further`` has the metrics that a grasp has not."""
     pose = grasp.T_object_tcp
     lines = [
         f"object   {grasp.object_id}",
@@ -102,20 +111,21 @@ def trial_text(grasp: Grasp, settings: TrialSettings) -> str:
         "",
         f"quality  {grasp.quality:.6g} ({settings.quality})",
     ]
-    lines += [f"  {name:<22} {value}" for name, value in metric_lines(grasp)]
+    lines += [f"  {name:<22} {value}" for name, value in metric_lines(grasp, further)]
     if grasp.message:
         lines.append(f"  note: {grasp.message}")
     lines += ["", "contacts (object frame)", *_contact_lines(grasp), "", "joints [deg]", *_joint_lines(grasp)]
     return "\n".join(lines)
 
 
-def metric_lines(grasp: Grasp) -> list[tuple[str, str]]:
+def metric_lines(grasp: Grasp, further: Mapping[str, float]) -> list[tuple[str, str]]:
     """Return name and value of each metric of a grasp."""
     return [
         ("epsilon", f"{grasp.epsilon:.6g}"),
         ("volume", f"{grasp.volume:.6g}"),
         ("isotropy", f"{grasp.isotropy:.6g}"),
         ("force closure", "yes" if grasp.force_closure else "no"),
+        *((name, f"{value:.6g}") for name, value in further.items()),
     ]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mebo_grasp.errors import InvalidSettingsError
+from mebo_grasp.grasping.trial import CONTACT_MODELS, QUALITY_NAMES
 from mebo_grasp.nodes.parameters import parameter
 
 
@@ -25,6 +26,9 @@ class HandNodeSettings:
     )
     friction: float = parameter(0.5, "coefficient of static friction", least=0.0, most=10.0)
     cone_edges: int = parameter(8, "edges of the friction pyramid", least=3, most=64)
+    contact_model: str = parameter("hard", f"what a contact transmits: {', '.join(CONTACT_MODELS)}")
+    quality: str = parameter("epsilon", f"metric that is optimized: {', '.join(QUALITY_NAMES)}")
+    engine: str = parameter("bullet", "engine of the simulation: bullet (reference) or fast (compiled)")
     marker_rate: float = parameter(5.0, "most markers per second [Hz]; 0 for none", least=0.0, most=100.0)
 
 

@@ -100,11 +100,6 @@ def contact_frames(normals: FloatArray) -> FloatArray:
     return np.stack([normals, first[:, 0] - normals, first[:, 1] - normals], axis=1)
 
 
-def model_isotropy(G: FloatArray) -> float:
-    """Return smallest over largest singular value of a grasp matrix (6, k), 0 below rank 6 (thesis 2.2.1)."""
-    return singular_ratio(G)
-
-
 def singular_ratio(matrix: FloatArray) -> float:
     """Return smallest over largest of six singular values, in [0, 1]; 0 for rank below 6 or under 1e-12."""
     if matrix.size == 0 or min(matrix.shape) < 6:

@@ -28,8 +28,11 @@ def test_all_of_a_trial_is_printed_and_drawn(tmp_path: Path, capsys: pytest.Capt
     settings = TrialSettings(engine="fast", quality="isotropy")
     with GraspSimulator(TargetObject.builtin("bottle"), HandModel.load("icub_left"), settings) as simulator:
         grasp = simulator.trial(Pose.from_rpy(POSE[:3], POSE[3:]))
+        further = simulator.further_metrics(grasp)
     assert grasp.contacts
-    expected = [line for line in trial_text(grasp, settings).splitlines() if not line.startswith("outcome")]
+    for name, value in further.items():
+        assert any(line.split() == [name, f"{value:.6g}"] for line in printed.splitlines())
+    expected = [line for line in trial_text(grasp, settings, further).splitlines() if not line.startswith("outcome")]
     assert set(expected) <= set(printed.splitlines())
     assert f"quality  {grasp.isotropy:.6g} (isotropy)" in printed
     for contact in grasp.contacts:

@@ -44,8 +44,8 @@ def test_the_mesh_hand_has_the_light_hands_kinematics_and_nearly_its_shape(side:
     hulls = {s.link: s for s in hand.link_geometry(collision=True) if not s.link.endswith("_palm")}
     assert set(hulls) == set(capsules)
     for link, capsule in capsules.items():
-        assert hulls[link].vertices is not None
-        points = (capsule.T_tcp_shape.inverse() @ hulls[link].T_tcp_shape).transform_points(hulls[link].vertices)
+        vertices = np.asarray(hulls[link].vertices, dtype=np.float64)
+        points = (capsule.T_tcp_shape.inverse() @ hulls[link].T_tcp_shape).transform_points(vertices)
         along = np.clip(points[:, 2], -capsule.dims[1] / 2.0, capsule.dims[1] / 2.0)
         away = np.linalg.norm(points - np.column_stack([0 * along, 0 * along, along]), axis=1) - capsule.dims[0]
         # Capsules were fitted to the middle of the links; their ends are not round.
@@ -55,7 +55,7 @@ def test_the_mesh_hand_has_the_light_hands_kinematics_and_nearly_its_shape(side:
 
 @needs_meshes
 def test_the_two_mesh_hands_mirror_each_other(tmp_path: Path) -> None:
-    hulls = {}
+    hulls: dict[str, list[np.ndarray]] = {}
     for side in SIDES:
         hand = mesh_hand(side, tmp_path)
         for shape in hand.link_geometry(collision=True):
