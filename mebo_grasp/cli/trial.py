@@ -13,6 +13,7 @@ from mebo_grasp.grasp import Grasp, Pose
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.pose_space import position_space
 from mebo_grasp.grasping.rendering import render_trial
+from mebo_grasp.grasping.robustness import ExecutionNoise, execute_repeatedly
 from mebo_grasp.grasping.simulator import GraspSimulator
 from mebo_grasp.grasping.target_object import CONCAVE_SHAPES, TargetObject
 from mebo_grasp.grasping.trial import CONTACT_MODELS, ENGINE_NAMES, QUALITY_NAMES, TrialSettings
@@ -43,6 +44,12 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser.add_argument(
         "--contact", default="hard", choices=CONTACT_MODELS, help="what a contact transmits (default: hard)"
     )
+    parser.add_argument("--repeat", type=int, default=0, help="also execute it so many times with noise")
+    for name, unit in (("position", "m"), ("rotation", "rad"), ("friction", "1"), ("normal", "rad")):
+        parser.add_argument(
+            f"--{name}-noise", type=float, default=0.0, help=f"standard deviation for --repeat [{unit}]"
+        )
+    parser.add_argument("--seed", type=int, default=1, help="seed of the noise (default: 1)")
     parser.add_argument("--out", type=Path, help="PNG file to draw the trial into")
     parser.set_defaults(run=run)
 
@@ -65,11 +72,31 @@ def run(options: argparse.Namespace) -> int:
         simulator.trial(pose)  # The first one loads compiled code, which is not what a trial takes.
         grasp = simulator.trial(pose)
         further = simulator.further_metrics(grasp)
-    print(trial_text(grasp, settings, further))
+        print(trial_text(grasp, settings, further))
+        if options.repeat:
+            print(f"\n{repeated_text(simulator, pose, options)}")
     if options.out is not None:
         render_trial(target, hand, grasp, options.out)
         print(f"\npicture: {options.out}")
     return 0
+
+
+def repeated_text(simulator: GraspSimulator, pose: Pose, options: argparse.Namespace) -> str:
+    """Execute a pose with noise as the options say and return what came of it."""
+    if options.seed < 0:
+        raise InvalidSettingsError(f"--seed is {options.seed}; it must be at least 0")
+    noise = ExecutionNoise(
+        position=options.position_noise,
+        rotation=options.rotation_noise,
+        friction=options.friction_noise,
+        normal=options.normal_noise,
+    )
+    found = execute_repeatedly(simulator, pose, noise, options.repeat, np.random.default_rng(options.seed))
+    ends = ", ".join(f"{count} {outcome.name}" for outcome, count in found.outcomes.most_common())
+    return (
+        f"executed {options.repeat} times with noise (seed {options.seed}): {ends}\n"
+        f"  quality mean {found.mean:.6g}, standard deviation {found.sd:.6g}, worst {found.worst:.6g}"
+    )
 
 
 def middle_pose(target: TargetObject, hand: HandModel) -> Pose:

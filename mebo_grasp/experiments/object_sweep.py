@@ -92,7 +92,7 @@ def try_object(path: Path, name: str, scale: float, engine: EngineName, poses: i
         name: name to report.
         scale: factor to metres.
         engine: engine of the trials.
-        poses: number of poses, of a scrambled Sobol net in the object's 6-D space; ``MORE`` times as many if none
+        poses: number of poses, of a scrambled Halton net in the object's 6-D space; ``MORE`` times as many if none
             grasps.
         seed: of the net.
     """
@@ -102,7 +102,7 @@ def try_object(path: Path, name: str, scale: float, engine: EngineName, poses: i
     except InvalidObjectError as error:
         return SweepResult(name, "refused", str(error))
     space = pose_space_6d(target, hand)
-    net = qmc.Sobol(space.dimension, rng=np.random.default_rng(seed))
+    net = qmc.Halton(space.dimension, rng=np.random.default_rng(seed))
     with GraspSimulator(target, hand, TrialSettings(engine=engine, compute_volume=False)) as simulator:
         built, outcomes, closed, best = time.perf_counter() - begun, Counter[GraspOutcome](), 0, 0.0
         for count in (poses, (MORE - 1) * poses):
