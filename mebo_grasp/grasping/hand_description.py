@@ -26,6 +26,7 @@ KNOWN_KEYS = {
     "fingers",
     "motor_limits",
     "couplings",
+    "synergies",
 }
 REQUIRED_KEYS = {"name", "urdf", "tcp", "palm_links", "palm_normal", "fingers"}
 
@@ -61,6 +62,7 @@ class HandDescription:
     preshape: Mapping[str, float] = field(default_factory=dict)
     motor_limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     couplings: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    synergies: Path | None = None
 
 
 def read_description(path: Path) -> HandDescription:
@@ -115,6 +117,7 @@ def _description(data: dict[str, Any], path: Path) -> HandDescription:
             str(joint): {str(motor): _finite(value, motor) for motor, value in row.items()}
             for joint, row in (data.get("couplings") or {}).items()
         },
+        synergies=resolve(str(data["synergies"]), path.parent, path) if data.get("synergies") else None,
     )
 
 

@@ -101,6 +101,8 @@ def _write_hand(folder: Path, place: Path, source: Path, light_yaml: Path, side:
     tree.write(folder / f"{name}.urdf", encoding="unicode", xml_declaration=True)
     data = yaml.safe_load(light_yaml.read_text())
     data["name"], data["urdf"] = name, f"{name}.urdf"
+    if "synergies" in data:
+        data["synergies"] = str((light_yaml.parent / data["synergies"]).resolve())
     (folder / f"{name}.yaml").write_text(yaml.safe_dump(data, sort_keys=False))
 
 
