@@ -41,7 +41,8 @@ COMMENT = """\
 
 def closings(target: TargetObject, hand: HandModel, joints: list[str], rng: np.random.Generator) -> list[np.ndarray]:
     """Return the trajectories of closings that ended in a grasp, each (SAMPLES, d)."""
-    space, found = pose_space_6d(target, hand), []
+    space = pose_space_6d(target, hand)
+    found: list[np.ndarray] = []
     with GraspSimulator(target, hand, TrialSettings(engine="fast", compute_volume=False)) as simulator:
         while len(found) < GRASPS_AN_OBJECT:
             start = hand.posture({"l_thumb_0": rng.uniform(*OPPOSITION)})

@@ -1,4 +1,4 @@
-"""``pose_posture``: a TCP pose, and amplitudes of eigengrasps from whose posture the hand closes (thesis, appendix A)."""
+"""``pose_posture``: a TCP pose, and amplitudes of eigengrasps from which the hand closes (thesis, appendix A)."""
 
 from __future__ import annotations
 

@@ -7,10 +7,10 @@ import pytest
 
 from mebo_grasp.errors import InvalidHandError, InvalidSettingsError
 from mebo_grasp.grasp import GraspOutcome, Pose
-from mebo_grasp.grasping.facet_space import FACETS, facet_axes, facet_space
+from mebo_grasp.grasping.facet_space import FACETS, FacetSpace, facet_axes, facet_space
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.pose_space import pose_space_6d, side_approach_rpy
-from mebo_grasp.grasping.posture_space import pose_posture_space
+from mebo_grasp.grasping.posture_space import PosturePoseSpace, pose_posture_space
 from mebo_grasp.grasping.simulator import GraspSimulator
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.grasping.trial import TrialSettings
@@ -19,7 +19,7 @@ BOTTLE, DRILL = TargetObject.builtin("bottle"), TargetObject.builtin("drill")
 LEFT, RIGHT = HandModel.load("icub_left"), HandModel.load("icub_right")
 
 
-def uniform(space, count: int, seed: int) -> np.ndarray:  # type: ignore[no-untyped-def]
+def uniform(space: FacetSpace | PosturePoseSpace, count: int, seed: int) -> np.ndarray:
     return np.random.default_rng(seed).uniform(space.lower, space.upper, (count, space.dimension))
 
 
