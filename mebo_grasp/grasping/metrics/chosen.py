@@ -106,7 +106,7 @@ class ChosenMetric:
     def _epsilon_linf(self, grasp: ClosedGrasp) -> float:
         if not grasp.contacts:
             return 0.0
-        wrenches = wrenches_of(grasp.contacts, self.target, self.settings)
+        wrenches = wrenches_of(*_points_and_normals(grasp), self.target, self.settings)
         return sum_origin_distance(wrenches.reshape(len(grasp.contacts), -1, 6))
 
     def _uniformity(self, grasp: ClosedGrasp) -> float:
@@ -120,12 +120,16 @@ class ChosenMetric:
         return penalized(grasp.metrics.epsilon, colliding, self.settings.penalty_rate)
 
     def _simox_wrenches(self, grasp: ClosedGrasp) -> np.ndarray:
-        positions = np.array([contact.position for contact in grasp.contacts]).reshape(-1, 3)
-        normals = np.array([contact.normal for contact in grasp.contacts]).reshape(-1, 3)
-        return simox.simox_wrenches(positions, normals, self.target)
+        return simox.simox_wrenches(*_points_and_normals(grasp), self.target)
 
     def _simox_epsilon(self, grasp: ClosedGrasp) -> float:
         return simox.simox_epsilon(self._simox_wrenches(grasp), self.object_wrenches)
 
     def _simox_volume(self, grasp: ClosedGrasp) -> float:
         return simox.simox_volume(self._simox_wrenches(grasp), self.object_wrenches)
+
+
+def _points_and_normals(grasp: ClosedGrasp) -> tuple[np.ndarray, np.ndarray]:
+    """Return contact points and normals, each (n, 3)."""
+    points = np.array([contact.position for contact in grasp.contacts]).reshape(-1, 3)
+    return points, np.array([contact.normal for contact in grasp.contacts]).reshape(-1, 3)

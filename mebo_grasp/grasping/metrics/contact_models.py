@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mebo_grasp.errors import InvalidSettingsError
-from mebo_grasp.grasping.wrench_space import cone_edges, contact_wrenches
+from mebo_grasp.grasping.wrench_space import contact_frames, contact_wrenches
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -83,7 +83,7 @@ def grasp_matrix(
     """
     p = np.asarray(positions, dtype=np.float64).reshape(-1, 3) - np.asarray(center, dtype=np.float64)
     n = np.asarray(normals, dtype=np.float64).reshape(-1, 3)
-    axes = contact_frames(n)[:, : 1 if model == "frictionless" else 3]
+    axes = contact_frames(np.ascontiguousarray(n))[:, : 1 if model == "frictionless" else 3]
     torques = np.cross(p[:, None, :], axes) / torque_length
     columns = np.concatenate([axes, torques], axis=2)
     if model == "soft":
@@ -91,13 +91,6 @@ def grasp_matrix(
         columns = np.concatenate([columns, turns], axis=1)
     G: FloatArray = columns.reshape(-1, 6).T
     return G
-
-
-def contact_frames(normals: FloatArray) -> FloatArray:
-    """Return normal and two tangents of each contact as rows, shape (n, 3, 3), those of the friction pyramid."""
-    first = cone_edges(normals, 1.0, 4) * np.sqrt(2.0)
-    # Edges 0 and 1 of a pyramid with four edges at friction 1 are n + t and n + b.
-    return np.stack([normals, first[:, 0] - normals, first[:, 1] - normals], axis=1)
 
 
 def singular_ratio(matrix: FloatArray) -> float:

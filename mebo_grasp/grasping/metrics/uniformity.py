@@ -15,7 +15,8 @@ import numpy.typing as npt
 
 from mebo_grasp.grasp import GraspContact, HandPosture, Pose
 from mebo_grasp.grasping.hand_model import HandModel
-from mebo_grasp.grasping.metrics.contact_models import contact_frames, grasp_matrix, singular_ratio
+from mebo_grasp.grasping.metrics.contact_models import grasp_matrix, singular_ratio
+from mebo_grasp.grasping.wrench_space import contact_frames
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -9,12 +9,11 @@ import pytest
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasping.metrics.contact_models import (
-    contact_frames,
     grasp_matrix,
     model_wrenches,
     singular_ratio,
 )
-from mebo_grasp.grasping.wrench_space import contact_wrenches, epsilon, isotropy
+from mebo_grasp.grasping.wrench_space import contact_frames, contact_wrenches, epsilon, isotropy
 
 ORIGIN = np.zeros(3)
 LINE = (np.array([[0.05, 0.0, 0.0], [-0.05, 0.0, 0.0]]), np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]))
