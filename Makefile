@@ -15,11 +15,12 @@ HANG_SECONDS ?= 300
 BENCHES_OF_SOLUTIONS := mebo_grasp.experiments.bench_solutions mebo_grasp.nodes.bench_solution_set
 BENCHES := mebo_grasp.experiments.bench_hand mebo_grasp.experiments.bench_optimizer \
 	$(BENCHES_OF_SOLUTIONS) mebo_grasp.nodes.bench_nodes
-bench bench-solutions soak test test-quick: export OMP_NUM_THREADS = 1
-bench bench-solutions soak test test-quick: export OPENBLAS_NUM_THREADS = 1
+bench bench-hand bench-solutions soak sweep-objects test test-quick: export OMP_NUM_THREADS = 1
+bench bench-hand bench-solutions soak sweep-objects test test-quick: export OPENBLAS_NUM_THREADS = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup icub-meshes demo test test-quick lint bench bench-solutions soak build-ros clean clean-all
+.PHONY: help setup icub-meshes demo test test-quick lint bench bench-hand bench-solutions soak \
+	sweep-objects build-ros clean clean-all
 
 help:  ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -51,6 +52,12 @@ bench-solutions: setup  ## Of these, the solution set alone: 10,000 and 1,000,00
 
 soak: setup  ## The fault tests at full length: 200 writers killed at random instants, 100 damaged files
 	MEBO_GRASP_KILLS=200 MEBO_GRASP_DAMAGES=100 $(BIN)/python -m pytest --timeout=3600 test/faults $(PYTEST_ARGS)
+
+bench-hand: setup  ## Measure the simulated hand alone, beside Simox's reference trials where they are at hand
+	@$(BIN)/python -m mebo_grasp.experiments.bench_hand
+
+sweep-objects: setup  ## Try a thousand meshes of pybullet_data; goes on where out/object_sweep.jsonl ends
+	@$(BIN)/python -m mebo_grasp.experiments.object_sweep
 
 build-ros:  ## With an installed, sourced ROS 2: colcon build of both packages into install/
 	@command -v colcon >/dev/null || { echo "colcon is missing: sudo apt install python3-colcon-common-extensions"; exit 1; }

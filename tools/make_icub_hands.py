@@ -237,6 +237,7 @@ YAML_TEMPLATE = """\
 # Lengths in metres, angles in radians; the TCP is the hand frame: mid-palm, x along the fingers.
 name: icub_{side}
 urdf: icub_{side}.urdf
+synergies: icub_{side}_synergies.yaml   # written by tools/make_synergies.py
 tcp: {{link: {p}_palm, xyz: [0, 0, 0], rpy: [0, 0, 0]}}
 palm_links: [{p}_palm]
 palm_normal: [0, 0, {out}]          # out of the palm, TCP frame

@@ -11,14 +11,14 @@ import sys
 from collections.abc import Sequence
 
 from mebo_grasp import __version__
-from mebo_grasp.cli import best, exchange, experiment, explore, show
+from mebo_grasp.cli import best, doctor, exchange, experiment, explore, show, trial
 from mebo_grasp.errors import MeboGraspError
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2
 EXIT_INTERRUPTED = 130
 
-COMMANDS = (explore, show, best, exchange, experiment)
+COMMANDS = (explore, show, best, trial, doctor, exchange, experiment)
 
 
 def make_parser() -> argparse.ArgumentParser:

@@ -196,7 +196,7 @@ def _sphere_fields(hand: HandModel, shapes: list[LinkShape], T: FloatArray) -> d
     if start[-1] > MOST_SPHERES:
         raise InvalidHandError(
             f"hand '{hand.name}' needs {start[-1]} spheres to cover its shapes, at most {MOST_SPHERES} are taken; "
-            "describe large links by fewer or smaller shapes"
+            "describe large links by fewer or smaller shapes, and look whether millimetres are taken for metres"
         )
     return {
         "sphere_start": start, "sphere_center": np.vstack([center for center, _ in spheres]),

@@ -12,6 +12,7 @@ import yaml
 
 from mebo_grasp.errors import InvalidHandError
 from mebo_grasp.grasp import Pose
+from mebo_grasp.grasping.package_files import resolve
 
 KNOWN_KEYS = {
     "name",
@@ -25,6 +26,7 @@ KNOWN_KEYS = {
     "fingers",
     "motor_limits",
     "couplings",
+    "synergies",
 }
 REQUIRED_KEYS = {"name", "urdf", "tcp", "palm_links", "palm_normal", "fingers"}
 
@@ -60,6 +62,7 @@ class HandDescription:
     preshape: Mapping[str, float] = field(default_factory=dict)
     motor_limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     couplings: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    synergies: Path | None = None
 
 
 def read_description(path: Path) -> HandDescription:
@@ -98,7 +101,7 @@ def _description(data: dict[str, Any], path: Path) -> HandDescription:
     normal = _unit(data["palm_normal"], "palm_normal")
     return HandDescription(
         name=str(data["name"]),
-        urdf_path=(path.parent / str(data["urdf"])).resolve(),
+        urdf_path=resolve(str(data["urdf"]), path.parent, path),
         tcp_link=str(tcp["link"]),
         T_link_tcp=Pose.from_rpy(tcp.get("xyz", (0, 0, 0)), tcp.get("rpy", (0, 0, 0))),
         palm_links=tuple(str(link) for link in data["palm_links"]),
@@ -114,6 +117,7 @@ def _description(data: dict[str, Any], path: Path) -> HandDescription:
             str(joint): {str(motor): _finite(value, motor) for motor, value in row.items()}
             for joint, row in (data.get("couplings") or {}).items()
         },
+        synergies=resolve(str(data["synergies"]), path.parent, path) if data.get("synergies") else None,
     )
 
 

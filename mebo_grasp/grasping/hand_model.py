@@ -12,12 +12,35 @@ import numpy.typing as npt
 from mebo_grasp.errors import InvalidHandError
 from mebo_grasp.grasp import HandPosture, Pose
 from mebo_grasp.grasping.hand_description import FingerDescription, HandDescription, read_description
+from mebo_grasp.grasping.icub_meshes import mesh_hand_file
 from mebo_grasp.grasping.urdf import LinkShape, Urdf, read_urdf
 
 FloatArray = npt.NDArray[np.float64]
 
 HANDS_FOLDER = Path(__file__).parent / "hands"
 HAND_NAMES: tuple[str, ...] = ("icub_left", "icub_right")
+"""Hands that need no download."""
+MESH_HANDS = {"icub_left_mesh": "left", "icub_right_mesh": "right"}
+"""The iCub's hands with its meshes, and their sides; see ``icub_meshes``."""
+PACKAGED_HANDS = {"icub_mk3_left": "icub-models"}
+"""Hands whose URDF comes from a package of the Python package index, and which."""
+ALL_HAND_NAMES: tuple[str, ...] = (*HAND_NAMES, *MESH_HANDS, *PACKAGED_HANDS)
+
+
+def description_file(name: str) -> Path:
+    """Return the YAML file of a hand given by name or path; that of a mesh hand is written first.
+
+    Raises:
+        InvalidHandError: no such hand, or the meshes are not installed.
+    """
+    if name in MESH_HANDS:
+        return mesh_hand_file(HANDS_FOLDER / f"icub_{MESH_HANDS[name]}.yaml", MESH_HANDS[name])
+    path = HANDS_FOLDER / f"{name}.yaml" if name in ALL_HAND_NAMES else Path(name)
+    if path.is_file():
+        return path
+    raise InvalidHandError(
+        f"no hand '{name}'; use one of {', '.join(ALL_HAND_NAMES)} or the path of a hand's YAML file"
+    )
 
 
 @dataclass(frozen=True)
@@ -61,17 +84,12 @@ class HandModel:
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> HandModel:
-        """Load one of ``HAND_NAMES``, or the YAML file of that path.
+        """Load one of ``ALL_HAND_NAMES``, or the YAML file of that path.
 
         Raises:
-            InvalidHandError: unknown name, unreadable file or inconsistent description.
+            InvalidHandError: unknown name, package that is not installed, unreadable file or inconsistent description.
         """
-        name = str(name_or_path)
-        path = HANDS_FOLDER / f"{name}.yaml" if name in HAND_NAMES else Path(name)
-        if not path.is_file():
-            raise InvalidHandError(
-                f"no hand '{name}'; use one of {', '.join(HAND_NAMES)} or the path of a hand's YAML file"
-            )
+        path = description_file(str(name_or_path))
         description = read_description(path)
         return cls(description, read_urdf(description.urdf_path))
 

@@ -18,6 +18,7 @@ on the two sides of the horizon; no system of equations is solved.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -35,7 +36,7 @@ TOLERANCE = 1e-11
 """How far a point must lie beyond a facet to be taken for outside."""
 LARGEST_DRIFT = 1e-10
 """How far the offset of the nearest facet may differ from the one computed anew from its points."""
-MOST_POINTS = 1 << 10
+MOST_POINTS = 1 << 12
 """Larger sets go to Qhull."""
 FIRST_FACETS = 1024
 FIRST_FACETS_OF_HULL = 4096
@@ -427,6 +428,16 @@ def _volume(points: FloatArray, capacity: int) -> tuple[float, int]:
     return total / factorial, CONVERGED
 
 
+def _guarded(
+    search: Callable[[FloatArray, int], tuple[float, int]], points: FloatArray, capacity: int
+) -> tuple[float, int]:
+    """Search; points so degenerate that a facet has no area divide by zero there and are left to Qhull."""
+    try:
+        return search(points, capacity)
+    except ZeroDivisionError:
+        return 0.0, DEGENERATE
+
+
 def origin_distance(points: FloatArray) -> float:
     """Return the radius of the largest origin-centred ball in the convex hull of points.
 
@@ -439,7 +450,7 @@ def origin_distance(points: FloatArray) -> float:
     contiguous = np.ascontiguousarray(points, dtype=np.float64)
     capacity = FIRST_FACETS
     while len(contiguous) <= MOST_POINTS and capacity <= MOST_FACETS:
-        distance, end = _nearest_facet(contiguous, capacity)
+        distance, end = _guarded(_nearest_facet, contiguous, capacity)
         if end in (CONVERGED, OUTSIDE):
             return float(distance)
         if end == DEGENERATE:
@@ -453,7 +464,7 @@ def hull_volume(points: FloatArray) -> float:
     contiguous = np.ascontiguousarray(points, dtype=np.float64)
     capacity = FIRST_FACETS_OF_HULL
     while len(contiguous) <= MOST_POINTS and capacity <= MOST_FACETS:
-        volume, end = _volume(contiguous, capacity)
+        volume, end = _guarded(_volume, contiguous, capacity)
         if end == CONVERGED:
             return float(volume)
         if end == DEGENERATE:

@@ -201,6 +201,28 @@ def render_grasps(target: TargetObject, hand: HandModel, grasps: Sequence[Grasp]
     _compose(panels, path)
 
 
+def render_trial(target: TargetObject, hand: HandModel, grasp: Grasp, path: str | Path) -> None:
+    """Write a picture of one trial, whatever its outcome, seen from three sides.
+
+    Args:
+        target: the object.
+        hand: the hand.
+        grasp: the trial with its final posture.
+        path: file to write; its suffix says the format (png). Folders that do not exist are made.
+    """
+    first = view_direction(hand, grasp)
+    R = grasp.T_object_tcp.rotation.as_matrix()
+    views = {
+        caption(1, grasp).removeprefix("1: "): first,
+        "from behind the hand": -R @ hand.palm_normal + 0.3 * R[:, 0],
+        "from the side": np.cross(R @ hand.palm_normal, R[:, 0]) + 0.4 * R[:, 0],
+    }
+    panels = [
+        draw_panel(title, target, hand, [grasp], [HAND_COLORS[0]], direction) for title, direction in views.items()
+    ]
+    _compose(panels, path)
+
+
 def _compose(panels: Sequence[Panel], path: str | Path) -> None:
     columns = len(panels) if len(panels) <= 5 else (len(panels) + 1) // 2
     rows = -(-len(panels) // columns)

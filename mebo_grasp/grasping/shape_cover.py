@@ -14,6 +14,8 @@ FloatArray = npt.NDArray[np.float64]
 
 SPHERES_OF_ROD = 5
 BOX_SPHERE_SPACING = 0.012
+MOST_BOX_SPHERES_ALONG = 16
+"""Longer boxes get larger spheres; in a hand they come from a wrong unit, and would fill the memory."""
 SLICES_OF_MESH = 5
 
 
@@ -42,7 +44,7 @@ def _rod(span: float, radius: float, spacing: float) -> tuple[FloatArray, FloatA
 
 
 def _box_spheres(sides: FloatArray) -> tuple[FloatArray, FloatArray]:
-    counts = np.maximum(1, np.ceil(sides / BOX_SPHERE_SPACING).astype(int))
+    counts = np.clip(np.ceil(sides / BOX_SPHERE_SPACING), 1, MOST_BOX_SPHERES_ALONG).astype(int)
     axes = [-sides[k] / 2.0 + sides[k] / counts[k] * (np.arange(counts[k]) + 0.5) for k in range(3)]
     centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     return centers, np.full(len(centers), float(np.linalg.norm(sides / counts)) / 2.0)
@@ -57,12 +59,27 @@ def _mesh_spheres(vertices: FloatArray) -> tuple[FloatArray, FloatArray]:
     cuts = np.linspace(heights.min(), heights.max(), SLICES_OF_MESH + 1)
     centers, radii = [], []
     for low, high in pairwise(cuts):
-        piece = trimesh.intersections.slice_mesh_plane(hull, axis, axis * low)
-        piece = trimesh.intersections.slice_mesh_plane(piece, -axis, axis * high)
-        points = np.asarray(piece.vertices)
+        points = slab_points(hull, axis, low, high)
         if len(points) == 0:
             continue
         center = points.mean(axis=0)
         centers.append(center)
         radii.append(float(np.linalg.norm(points - center, axis=1).max()))
     return np.array(centers), np.array(radii)
+
+
+def slab_points(mesh: trimesh.Trimesh, axis: FloatArray, low: float, high: float) -> FloatArray:
+    """Return the corners of the part of a surface whose height along an axis lies between two values, shape (n, 3).
+
+    These are the vertices in between, and the points where edges cross the two planes.
+    """
+    vertices, edges = np.asarray(mesh.vertices), np.asarray(mesh.edges_unique)
+    heights = vertices @ axis
+    found = [vertices[(heights >= low) & (heights <= high)]]
+    start, end = heights[edges[:, 0]], heights[edges[:, 1]]
+    for cut in (low, high):
+        crosses = (start - cut) * (end - cut) < 0.0
+        share = ((cut - start[crosses]) / (end[crosses] - start[crosses]))[:, None]
+        first, second = vertices[edges[crosses, 0]], vertices[edges[crosses, 1]]
+        found.append(first + share * (second - first))
+    return np.vstack(found)

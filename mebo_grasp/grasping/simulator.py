@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from types import TracebackType
 
 import numpy as np
 import numpy.typing as npt
 
+from mebo_grasp.errors import InvalidHandError
 from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, HandPosture, Pose
 from mebo_grasp.grasping import closing, hand_motion
 from mebo_grasp.grasping.bullet_world import BulletWorld
-from mebo_grasp.grasping.contacts import ContactFinder
+from mebo_grasp.grasping.contacts import ContactFinder, Contacts
 from mebo_grasp.grasping.distance_field import build_field
-from mebo_grasp.grasping.engine import BULLET, FAST, Engine
+from mebo_grasp.grasping.engine import BULLET, FAST, Engine, exact_gap
 from mebo_grasp.grasping.hand_arrays import MOST_JOINTS, build_hand_arrays
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.hand_motion import exempt_touching_pairs
 from mebo_grasp.grasping.joint_step import ClosingRule, new_state
+from mebo_grasp.grasping.metrics.chosen import ChosenMetric, ClosedGrasp
 from mebo_grasp.grasping.quality import GraspMetrics, measure
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.grasping.trial import TrialSettings
@@ -40,38 +43,58 @@ class GraspSimulator:
         self.target = target
         self.hand = hand
         self.settings = settings or TrialSettings()
-        self._arrays, self._layout = build_hand_arrays(hand, hand.preshape)
-        exempt_touching_pairs(self._arrays)
         self._state = new_state()
         self._poses = hand_motion.new_poses()
         bullet = self.settings.engine == "bullet"
         surface = target.parts_surface if bullet else target.mesh
         self._field = build_field(surface, target.solid_parts)
         self._rule = ClosingRule(self.settings.step, self.settings.gap_tolerance, self.settings.whole_finger)
-        tree, asked_at = build_tree(np.array(surface.triangles, dtype=np.float64)), np.eye(4)
-        self._world = BulletWorld(target, self._layout.shapes, self._layout.T_group_shape, asked_at)
+        self._tree = build_tree(np.array(surface.triangles, dtype=np.float64))
+        self._world: BulletWorld | None = None
+        self._take_preshape(hand.preshape)
+        self._chosen = ChosenMetric(target, hand, self.settings)
+
+    def _take_preshape(self, preshape: HandPosture) -> None:
+        """Let the hand stand in a posture before it closes."""
+        check_limits(self.hand, preshape)
+        self._arrays, self._layout = build_hand_arrays(self.hand, preshape)
+        exempt_touching_pairs(self._arrays)
+        if self._world is not None:
+            self._world.close()
+        asked_at = np.eye(4)
+        self._world = BulletWorld(self.target, self._layout.shapes, self._layout.T_group_shape, asked_at)
         rods = np.array([shape.kind in ("capsule", "sphere") for shape in self._layout.shapes])
-        screened = rods & bool(target.solid_parts)
-        self._engine = Engine(BULLET if bullet else FAST, self._world.callback, asked_at, tree, screened)
+        screened = rods & bool(self.target.solid_parts)
+        kind = BULLET if self.settings.engine == "bullet" else FAST
+        self._engine = Engine(kind, self._world.callback, asked_at, self._tree, screened)
         self._finder = ContactFinder(
             self._arrays, self._layout, self._field, self._engine, self._world, self._rule, self.settings
         )
+        self._preshape = preshape
 
-    def trial(self, T_object_tcp: Pose) -> Grasp:
+    def trial(self, T_object_tcp: Pose, preshape: HandPosture | None = None) -> Grasp:
         """Execute one trial.
 
         Args:
             T_object_tcp: pose of the hand's TCP in the object's frame.
+            preshape: posture from which the hand closes; joints not named, and all if None, stand at the hand's own
+                preshape. Another one than that of the trial before costs a few milliseconds.
 
         Returns:
             The grasp; its outcome is COLLISION if the open hand overlaps the object, NO_CONTACT if the closed
             hand does not touch it, and GRASPED otherwise.
+
+        Raises:
+            InvalidHandError: the preshape names a joint that the hand has not, or puts one beyond its limits.
         """
         begun = time.perf_counter()
+        posture = self.hand.posture(preshape)
+        if posture != self._preshape:
+            self._take_preshape(posture)
         closed = closing.run_trial(
             self._arrays, self._field, self._engine, self._rule, self._poses, self._state, T_object_tcp.matrix
         )
-        self._world.raise_pending()
+        self._raise_pending()
         if not closed:
             return self._grasp(T_object_tcp, GraspOutcome.COLLISION, (), GraspMetrics(), begun)
         touching = self._finder.find(self._poses)
@@ -87,13 +110,68 @@ class GraspSimulator:
         closing.free_shares(
             self._arrays, self._field, self._engine, self._rule, self._poses, self._state, shares
         )
-        self._world.raise_pending()
+        self._raise_pending()
         used = np.arange(MOST_JOINTS) < self._arrays["joint_count"][: len(shares), None]
         return shares[used]
 
+    def further_metrics(self, grasp: Grasp) -> dict[str, float]:
+        """Return the metrics that are computed only where they are the quality, of the last trial's grasp."""
+        metrics = GraspMetrics(grasp.quality, grasp.epsilon, grasp.volume, grasp.isotropy, grasp.force_closure)
+        return self._chosen.values(
+            ClosedGrasp(
+                grasp.T_object_tcp, grasp.outcome, grasp.contacts, grasp.hand_posture, metrics, self._count_colliding
+            )
+        )
+
+    def measured_anew(
+        self, grasp: Grasp, contacts: tuple[GraspContact, ...], settings: TrialSettings
+    ) -> Grasp:
+        """Return a grasp of this simulator with other contacts and settings of the metrics.
+
+        Args:
+            grasp: a grasp with contacts.
+            contacts: the ones to measure.
+            settings: friction, contact model and quality to measure by.
+        """
+        points, normals = (np.array([getattr(c, what) for c in contacts]) for what in ("position", "normal"))
+        metrics = measure(Contacts(tuple(c.link for c in contacts), points, normals), self.target, settings)
+        chosen = ChosenMetric(self.target, self.hand, settings)
+        if not chosen.is_basic:
+            closed = ClosedGrasp(
+                grasp.T_object_tcp, grasp.outcome, contacts, grasp.hand_posture, metrics, self._count_colliding
+            )
+            metrics = chosen.apply(closed)
+        return replace(
+            grasp,
+            contacts=contacts,
+            quality=metrics.quality,
+            epsilon=metrics.epsilon,
+            volume=metrics.volume,
+            isotropy=metrics.isotropy,
+            force_closure=metrics.force_closure,
+        )
+
+    def _count_colliding(self) -> int:
+        """Count the links that overlap the object where the hand stands."""
+        colliding = set()
+        for shape, placed in enumerate(self._layout.shapes):
+            pose = self._poses["group"][self._arrays["shape_group"][shape]]
+            lower, upper = hand_motion.gap_bounds(self._arrays, self._field, pose, shape)
+            if upper < 0.0 or (
+                lower <= 0.0 and exact_gap(self._engine, self._arrays, self._field, pose, shape) <= 0.0
+            ):
+                colliding.add(placed.link)
+        self._raise_pending()
+        return len(colliding)
+
+    def _raise_pending(self) -> None:
+        if self._world is not None:
+            self._world.raise_pending()
+
     def close(self) -> None:
         """Free the physics engine; closing twice does no harm."""
-        self._world.close()
+        if self._world is not None:
+            self._world.close()
 
     def __enter__(self) -> GraspSimulator:
         return self
@@ -104,7 +182,7 @@ class GraspSimulator:
         self.close()
 
     def _posture(self) -> HandPosture:
-        values = dict(zip(self.hand.preshape.names, self.hand.preshape.positions, strict=True))
+        values = dict(zip(self._preshape.names, self._preshape.positions, strict=True))
         for joints, angles in zip(self._layout.joints, self._poses["joints"].tolist(), strict=False):
             values.update(zip(joints, angles, strict=False))
         return HandPosture(tuple(values), tuple(values.values()))
@@ -113,8 +191,28 @@ class GraspSimulator:
         self, T_object_tcp: Pose, outcome: GraspOutcome, contacts: tuple[GraspContact, ...], metrics: GraspMetrics,
         begun: float,
     ) -> Grasp:
+        posture = self._posture()
+        if not self._chosen.is_basic:
+            closed = ClosedGrasp(T_object_tcp, outcome, contacts, posture, metrics, self._count_colliding)
+            metrics = self._chosen.apply(closed)
         return Grasp(
             T_object_tcp, outcome, metrics.quality, metrics.epsilon, metrics.volume, metrics.isotropy,
-            metrics.force_closure, contacts, self._posture(), self.target.object_id, self.hand.name,
+            metrics.force_closure, contacts, posture, self.target.object_id, self.hand.name,
             time.perf_counter() - begun,
         )
+
+
+def check_limits(hand: HandModel, posture: HandPosture) -> None:
+    """Refuse a full posture of a hand with a joint beyond its limits.
+
+    Raises:
+        InvalidHandError: naming the joint, its value and its limits.
+    """
+    given = set(hand.description.preshape)
+    for name, value, lower, upper in zip(posture.names, posture.positions, hand.lower, hand.upper, strict=True):
+        # A joint at 0 by default may lie outside of its limits; that is the description's matter.
+        if not lower - 1e-9 <= value <= upper + 1e-9 and (value != 0.0 or name in given):
+            raise InvalidHandError(
+                f"hand '{hand.name}': joint '{name}' of the posture is at {value:.4g} rad, its limits are "
+                f"{lower:.4g} to {upper:.4g}"
+            )

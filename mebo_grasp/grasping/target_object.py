@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -12,8 +13,13 @@ import trimesh
 
 from mebo_grasp.errors import InvalidObjectError
 from mebo_grasp.grasping.builtin_objects import BUILDERS, Shape
+from mebo_grasp.grasping.decomposition import convex_parts
 
 FloatArray = npt.NDArray[np.float64]
+
+ConcaveShape = Literal["surface", "parts"]
+CONCAVE_SHAPES: tuple[str, ...] = ("surface", "parts")
+"""What stands for a concave mesh in trials: its own surface, or convex parts that fill it."""
 
 BUILTIN_OBJECTS: tuple[str, ...] = tuple(BUILDERS)
 
@@ -70,8 +76,14 @@ class TargetObject:
         return cls(name, mesh, tuple(part * scale for part in shape.convex_parts), axis)
 
     @classmethod
-    def from_file(cls, path: str | Path, scale: float = 1.0, object_id: str | None = None) -> TargetObject:
-        """Load a mesh file; its coordinates times ``scale`` are metres.
+    def from_file(
+        cls,
+        path: str | Path,
+        scale: float = 1.0,
+        object_id: str | None = None,
+        concave: ConcaveShape = "surface",
+    ) -> TargetObject:
+        """Load a mesh file; its coordinates times ``scale`` are metres; ``concave`` as in ``from_mesh``.
 
         Raises:
             InvalidObjectError: the file is missing or unreadable, or the mesh is unsound.
@@ -85,28 +97,43 @@ class TargetObject:
             mesh.update_faces(mesh.nondegenerate_faces())
             mesh.remove_unreferenced_vertices()
             mesh.apply_scale(scale)
-            return cls.from_mesh(mesh, name)
+            return cls.from_mesh(mesh, name, concave)
         except InvalidObjectError as error:
             raise InvalidObjectError(f"mesh file '{path}': {error}") from error
 
     @classmethod
-    def from_mesh(cls, mesh: trimesh.Trimesh, object_id: str) -> TargetObject:
+    def from_mesh(
+        cls, mesh: trimesh.Trimesh, object_id: str, concave: ConcaveShape = "surface"
+    ) -> TargetObject:
         """Wrap a mesh in metres; a closed mesh that is nearly convex becomes one solid part.
 
+        Args:
+            mesh: the surface.
+            object_id: name of the object.
+            concave: "surface": any other mesh is known by its surface, which is exact; "parts": it is replaced by
+                convex parts (``decomposition``), where these can be found.
+
         Raises:
-            InvalidObjectError: the mesh is unsound.
+            InvalidObjectError: the mesh is unsound, or ``concave`` unknown.
         """
         check_mesh(mesh, object_id)
-        parts: tuple[FloatArray, ...] = ()
+        if concave not in CONCAVE_SHAPES:
+            raise InvalidObjectError(f"concave is '{concave}', it must be one of {', '.join(CONCAVE_SHAPES)}")
         if mesh.is_watertight:
             hull = mesh.convex_hull
             if abs(mesh.volume) >= CONVEX_SHARE * hull.volume:
-                parts = (np.array(hull.vertices),)
-        return cls(object_id, mesh, parts)
+                return cls(object_id, mesh, (np.array(hull.vertices),))
+        parts = convex_parts(mesh, object_id) if concave == "parts" else ()
+        if parts:
+            hulls = [trimesh.PointCloud(part).convex_hull for part in parts]
+            return cls(object_id, trimesh.util.concatenate(hulls), parts)
+        return cls(object_id, mesh)
 
     @classmethod
-    def load(cls, name_or_path: str | Path, scale: float = 1.0) -> TargetObject:
-        """Return a built-in object by name, or else load the file of that path.
+    def load(
+        cls, name_or_path: str | Path, scale: float = 1.0, concave: ConcaveShape = "surface"
+    ) -> TargetObject:
+        """Return a built-in object by name, or else load the file of that path; ``concave`` as in ``from_mesh``.
 
         Raises:
             InvalidObjectError: neither a built-in name nor a readable, sound mesh file.
@@ -116,7 +143,7 @@ class TargetObject:
             return cls.builtin(name, scale)
         if not Path(name).suffix:
             return cls.builtin(name, scale)
-        return cls.from_file(name_or_path, scale)
+        return cls.from_file(name_or_path, scale, concave=concave)
 
     @cached_property
     def bounds(self) -> FloatArray:

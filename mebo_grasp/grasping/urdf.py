@@ -14,6 +14,7 @@ from scipy.spatial import QhullError
 from scipy.spatial.transform import Rotation
 
 from mebo_grasp.errors import InvalidHandError, InvalidObjectError
+from mebo_grasp.grasping.package_files import resolve
 from mebo_grasp.grasping.target_object import check_finite, load_mesh
 
 FloatArray = npt.NDArray[np.float64]
@@ -256,9 +257,9 @@ def _shape(element: ElementTree.Element, link: str, folder: Path) -> LinkShape:
     if shape.tag in PRIMITIVES:
         return LinkShape(link, shape.tag, _sizes(shape, link), T)
     if shape.tag == "mesh":
-        file_name = _attribute(shape, "filename").removeprefix("file://")
+        file = resolve(_attribute(shape, "filename"), folder, folder / "urdf")
         scale = _numbers(shape.get("scale", "1 1 1"), 3)
-        return LinkShape(link, "mesh", (), T, _hull(folder / file_name, scale, link))
+        return LinkShape(link, "mesh", (), T, _hull(file, scale, link))
     raise ValueError(f"link '{link}' has an unknown shape '{shape.tag}'")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import cast
 
 from geometry_msgs.msg import PoseStamped
 from mebo_grasp_interfaces.msg import GraspQuality
@@ -16,8 +17,8 @@ from mebo_grasp.grasp import Grasp, Pose, StampedGrasp
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.pose_space import position_space
 from mebo_grasp.grasping.simulator import GraspSimulator
-from mebo_grasp.grasping.target_object import TargetObject
-from mebo_grasp.grasping.trial import TrialSettings
+from mebo_grasp.grasping.target_object import ConcaveShape, TargetObject
+from mebo_grasp.grasping.trial import ContactModel, EngineName, QualityName, TrialSettings
 from mebo_grasp.nodes import markers, qos
 from mebo_grasp.nodes.clock import StampSource
 from mebo_grasp.nodes.parameters import declare
@@ -38,12 +39,20 @@ class HandNode(Node):
     def __init__(self) -> None:
         super().__init__("hand_node")
         settings = declare(self, HandNodeSettings)
-        self._target = TargetObject.load(settings.object, settings.object_scale)
+        self._target = TargetObject.load(
+            settings.object, settings.object_scale, cast(ConcaveShape, settings.object_concave)
+        )
         self._hand = HandModel.load(settings.hand)
         self._simulator = GraspSimulator(
             self._target,
             self._hand,
-            TrialSettings(friction=settings.friction, cone_edges=settings.cone_edges),
+            TrialSettings(
+                friction=settings.friction,
+                cone_edges=settings.cone_edges,
+                contact_model=cast(ContactModel, settings.contact_model),
+                quality=cast(QualityName, settings.quality),
+                engine=cast(EngineName, settings.engine),
+            ),
         )
         self._next_stamp = StampSource(lambda: self.get_clock().now().nanoseconds)
         self._marker_period = 1.0 / settings.marker_rate if settings.marker_rate > 0 else float("inf")

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from mebo_grasp.errors import InvalidSettingsError
+from mebo_grasp.grasping.trial import CONTACT_MODELS, QUALITY_NAMES
 from mebo_grasp.nodes.parameters import parameter
 from mebo_grasp.solutions.blocking import BlockingRule
 
@@ -20,12 +21,18 @@ class HandNodeSettings:
     object_scale: float = parameter(
         1.0, "factor from the mesh file's unit to metres (0.001 for millimetres)", least=1e-9, most=1e9
     )
+    object_concave: str = parameter(
+        "surface", "what stands for a concave mesh: surface (exact), or parts (convex ones, by coacd)"
+    )
     hand: str = parameter("icub_left", "hand: a built-in name or the path of a hand description (YAML)")
     hand_namespace: str = parameter(
         "", "prefix of this hand's own topics (candidate_pose, joint_states, …); empty for none"
     )
     friction: float = parameter(0.5, "coefficient of static friction", least=0.0, most=10.0)
     cone_edges: int = parameter(8, "edges of the friction pyramid", least=3, most=64)
+    contact_model: str = parameter("hard", f"what a contact transmits: {', '.join(CONTACT_MODELS)}")
+    quality: str = parameter("epsilon", f"metric that is optimized: {', '.join(QUALITY_NAMES)}")
+    engine: str = parameter("bullet", "engine of the simulation: bullet (reference) or fast (compiled)")
     marker_rate: float = parameter(5.0, "most markers per second [Hz]; 0 for none", least=0.0, most=100.0)
 
 

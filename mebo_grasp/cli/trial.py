@@ -1,0 +1,180 @@
+"""``mebo-grasp trial``: one trial, printed in full and drawn."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from mebo_grasp.errors import InvalidSettingsError
+from mebo_grasp.grasp import Grasp, Pose
+from mebo_grasp.grasping.hand_model import HandModel
+from mebo_grasp.grasping.pose_space import position_space
+from mebo_grasp.grasping.rendering import render_trial
+from mebo_grasp.grasping.robustness import ExecutionNoise, execute_repeatedly
+from mebo_grasp.grasping.simulator import GraspSimulator
+from mebo_grasp.grasping.target_object import CONCAVE_SHAPES, TargetObject
+from mebo_grasp.grasping.trial import CONTACT_MODELS, ENGINE_NAMES, QUALITY_NAMES, TrialSettings
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the command to the command line."""
+    parser = commands.add_parser(
+        "trial",
+        help="try one pose, print all that came of it and draw it",
+        description="Places the hand, closes it and measures the grasp. The pose is that of the TCP in the "
+        "object's frame: x y z in metres, then either roll pitch yaw in radians or a quaternion qx qy qz qw. "
+        "Numbers like -1e-3 must stand in quotes with the others: --pose '0 0.05 -1e-3 -1.57 0 0'.",
+    )
+    parser.add_argument("--object", default="bottle", help="built-in name or mesh file (default: bottle)")
+    parser.add_argument("--scale", type=float, default=1.0, help="factor from the mesh's unit to metres")
+    parser.add_argument(
+        "--concave", default="surface", choices=CONCAVE_SHAPES, help="what stands for a concave mesh (default: surface)"
+    )
+    parser.add_argument("--hand", default="icub_left", help="built-in name or hand description")
+    parser.add_argument(
+        "--pose", nargs="+", metavar="NUMBER", help="default: the middle of the object's position space"
+    )
+    parser.add_argument("--engine", default="bullet", choices=ENGINE_NAMES, help="default: bullet")
+    parser.add_argument("--metric", default="epsilon", choices=QUALITY_NAMES, help="the quality (default: epsilon)")
+    parser.add_argument("--friction", type=float, default=0.5, help="coefficient of friction (default: 0.5)")
+    parser.add_argument("--edges", type=int, default=8, help="edges of a friction pyramid (default: 8)")
+    parser.add_argument(
+        "--contact", default="hard", choices=CONTACT_MODELS, help="what a contact transmits (default: hard)"
+    )
+    parser.add_argument("--repeat", type=int, default=0, help="also execute it so many times with noise")
+    for name, unit in (("position", "m"), ("rotation", "rad"), ("friction", "1"), ("normal", "rad")):
+        parser.add_argument(
+            f"--{name}-noise", type=float, default=0.0, help=f"standard deviation for --repeat [{unit}]"
+        )
+    parser.add_argument("--seed", type=int, default=1, help="seed of the noise (default: 1)")
+    parser.add_argument("--out", type=Path, help="PNG file to draw the trial into")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Execute, print and draw; returns the exit code."""
+    if options.out is not None and options.out.suffix.lower() != ".png":
+        raise InvalidSettingsError(f"--out {options.out} must end in .png")
+    settings = TrialSettings(
+        friction=options.friction,
+        cone_edges=options.edges,
+        contact_model=options.contact,
+        quality=options.metric,
+        engine=options.engine,
+    )
+    target = TargetObject.load(options.object, options.scale, options.concave)
+    hand = HandModel.load(options.hand)
+    pose = middle_pose(target, hand) if options.pose is None else parse_pose(" ".join(options.pose))
+    with GraspSimulator(target, hand, settings) as simulator:
+        simulator.trial(pose)  # The first one loads compiled code, which is not what a trial takes.
+        grasp = simulator.trial(pose)
+        further = simulator.further_metrics(grasp)
+        print(trial_text(grasp, settings, further))
+        if options.repeat:
+            print(f"\n{repeated_text(simulator, pose, options)}")
+    if options.out is not None:
+        render_trial(target, hand, grasp, options.out)
+        print(f"\npicture: {options.out}")
+    return 0
+
+
+def repeated_text(simulator: GraspSimulator, pose: Pose, options: argparse.Namespace) -> str:
+    """Execute a pose with noise as the options say and return what came of it."""
+    if options.seed < 0:
+        raise InvalidSettingsError(f"--seed is {options.seed}; it must be at least 0")
+    noise = ExecutionNoise(
+        position=options.position_noise,
+        rotation=options.rotation_noise,
+        friction=options.friction_noise,
+        normal=options.normal_noise,
+    )
+    found = execute_repeatedly(simulator, pose, noise, options.repeat, np.random.default_rng(options.seed))
+    ends = ", ".join(f"{count} {outcome.name}" for outcome, count in found.outcomes.most_common())
+    return (
+        f"executed {options.repeat} times with noise (seed {options.seed}): {ends}\n"
+        f"  quality mean {found.mean:.6g}, standard deviation {found.sd:.6g}, worst {found.worst:.6g}"
+    )
+
+
+def middle_pose(target: TargetObject, hand: HandModel) -> Pose:
+    """Return the middle of the position space."""
+    space = position_space(target, hand)
+    return space.to_pose((space.lower + space.upper) / 2.0)
+
+
+def parse_pose(text: str) -> Pose:
+    """Read x y z roll pitch yaw, or x y z qx qy qz qw; blanks or commas between them.
+
+    Raises:
+        InvalidSettingsError: not six or seven numbers.
+        InvalidPoseError: numbers that are not finite, or a quaternion that is not of unit length.
+    """
+    words = text.replace(",", " ").split()
+    try:
+        values = np.array([float(word) for word in words])
+    except ValueError as error:
+        raise InvalidSettingsError(f"--pose '{text}' holds something that is no number: {error}") from error
+    if len(values) == 6:
+        return Pose.from_rpy(values[:3], values[3:])
+    if len(values) == 7:
+        return Pose(values[:3], values[3:])
+    raise InvalidSettingsError(
+        f"--pose has {len(values)} numbers; give 6 (x y z roll pitch yaw) or 7 (x y z qx qy qz qw), m and rad"
+    )
+
+
+def trial_text(grasp: Grasp, settings: TrialSettings, further: Mapping[str, float]) -> str:
+    """Return everything a trial yielded, for a person to read; ``further`` has the metrics that a grasp has not."""
+    pose = grasp.T_object_tcp
+    lines = [
+        f"object   {grasp.object_id}",
+        f"hand     {grasp.hand}, engine {settings.engine}",
+        f"pose     xyz {_numbers(1000 * pose.position, 2)} mm, rpy {_numbers(np.degrees(pose.rpy), 2)} deg",
+        f"         quaternion xyzw {_numbers(pose.quaternion_xyzw, 6)}",
+        f"outcome  {grasp.outcome.name}, {len(grasp.contacts)} contacts, {1e3 * grasp.computation_time:.2f} ms",
+        "",
+        f"quality  {grasp.quality:.6g} ({settings.quality})",
+    ]
+    lines += [f"  {name:<22} {value}" for name, value in metric_lines(grasp, further)]
+    if grasp.message:
+        lines.append(f"  note: {grasp.message}")
+    lines += ["", "contacts (object frame)", *_contact_lines(grasp), "", "joints [deg]", *_joint_lines(grasp)]
+    return "\n".join(lines)
+
+
+def metric_lines(grasp: Grasp, further: Mapping[str, float]) -> list[tuple[str, str]]:
+    """Return name and value of each metric of a grasp."""
+    return [
+        ("epsilon", f"{grasp.epsilon:.6g}"),
+        ("volume", f"{grasp.volume:.6g}"),
+        ("isotropy", f"{grasp.isotropy:.6g}"),
+        ("force closure", "yes" if grasp.force_closure else "no"),
+        *((name, f"{value:.6g}") for name, value in further.items()),
+    ]
+
+
+def _contact_lines(grasp: Grasp) -> list[str]:
+    if not grasp.contacts:
+        return ["  none"]
+    width = max(len(contact.link) for contact in grasp.contacts)
+    return [
+        f"  {contact.link:<{width}}  point {_numbers(1000 * contact.position, 2)} mm"
+        f"  normal {_numbers(contact.normal, 4)}"
+        for contact in grasp.contacts
+    ]
+
+
+def _joint_lines(grasp: Grasp) -> list[str]:
+    posture = grasp.hand_posture
+    width = max((len(name) for name in posture.names), default=0)
+    return [
+        f"  {name:<{width}}  {np.degrees(value):7.2f}"
+        for name, value in zip(posture.names, posture.positions, strict=True)
+    ]
+
+
+def _numbers(values: np.ndarray, digits: int) -> str:
+    return "(" + ", ".join(f"{value + 0.0:.{digits}f}" for value in values) + ")"
