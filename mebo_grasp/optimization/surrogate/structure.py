@@ -41,6 +41,8 @@ MAX_BELIEVED, SMALLEST_SHARE = 3, 0.05
 START_ANGLES = tuple(np.linspace(0.0, np.pi / 2.0, 8, endpoint=False))
 PLATEAU_SHARE, PLATEAU_SIZE = 0.15, 4
 """A share and a number of values equal to the lowest that mean that the function has a plateau there."""
+MAX_WARPED_DIM = 3
+"""Above, a warp's two parameters a dimension cost more to learn and compare than values can tell about them."""
 SMALL_REST = 0.05
 """Variance at which a coupled rest starts."""
 _HESSIAN_STEP = 1e-3
@@ -161,6 +163,8 @@ def family(dim: int) -> tuple[Structure, ...]:
         turns = (False, True) if dim == 2 else (False,)
         additive = [Structure(base, turned=turned) for turned in turns for base in bases]
     plain = coupled + additive
+    if dim > MAX_WARPED_DIM:
+        return tuple(plain)
     return (*plain, *(replace(structure, warped=True) for structure in plain))
 
 
@@ -276,7 +280,8 @@ class StructuredSurrogate:
     """
 
     def __init__(
-        self, dim: int, relearn_period: int = 5, settings: StructureSettings | None = None
+        self, dim: int, relearn_period: int = 5, settings: StructureSettings | None = None,
+        structures: tuple[Structure, ...] | None = None,
     ) -> None:
         if relearn_period < 1:
             raise InvalidSettingsError(f"relearn_period must be at least 1 iteration, got {relearn_period}")
@@ -284,7 +289,7 @@ class StructuredSurrogate:
         self._period = relearn_period
         self._settings = settings or StructureSettings()
         self._members = [
-            Member(structure, prior_of(structure.kernel, dim).mean) for structure in family(dim)
+            Member(structure, prior_of(structure.kernel, dim).mean) for structure in structures or family(dim)
         ]
         self._believed: tuple[int, ...] = (0,)
         self._compared_at = 0

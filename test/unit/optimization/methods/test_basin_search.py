@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from mebo_grasp.optimization.methods.basin_search import BasinSearch, level_of
+from mebo_grasp.optimization.methods.basin_search import BasinSearch
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.optimizer import Optimizer, OptimizerSettings
 from mebo_grasp.optimization.search_space import SearchSpace
+from mebo_grasp.optimization.selection.basin_views import level_of
 
 PEAKS = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
 
