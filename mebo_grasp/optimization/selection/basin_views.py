@@ -158,35 +158,26 @@ def find_candidates(belief: Belief, level: Level, rng: np.random.Generator) -> F
     def maxima(values: FloatArray) -> FloatArray:
         return net[basins.neighbourhood_maxima(values, where, neighbours)[:limit]]
 
-    hopeful = maxima(belief.floor + np.exp(log_chance) * (mean + sd - belief.floor))
-    peaks = maxima(belief.floor + np.exp(log_chance) * (mean - belief.floor))
+    hopeful, peaks = maxima(belief.lifted(mean + sd, log_chance)), maxima(belief.lifted(mean, log_chance))
     improbable = maxima(log_ndtr((mean - level.top) / sd) + log_chance)
     scales = coordinates.scales(net)
     points = np.concatenate(
         [
-            basins.ascend(optimistic(belief), hopeful, scales, 10),
+            basins.ascend(belief.optimistic, hopeful, scales, 10),
             basins.ascend(expected(belief), peaks, scales, 16),
             improbable,
         ]
     )
-    order = belief.optimistic(points, 1.0)[0]
+    mean, sd = belief.predict(points)
+    order = belief.lifted(mean + sd, belief.log_chances(points))
     return points[basins.distinct(order, coordinates(points), basins.SAME_MAXIMUM)]
-
-
-def optimistic(belief: Belief) -> basins.ValueAndGradient:
-    """Mean plus standard deviation, with its gradient."""
-
-    def function(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return belief.optimistic(points, 1.0)
-
-    return function
 
 
 def expected(belief: Belief) -> basins.ValueAndGradient:
     """Mean, with its gradient."""
 
     def function(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return belief.optimistic(points, 0.0)
+        return belief.predict_mean(points), belief.mean_gradient(points)
 
     return function
 

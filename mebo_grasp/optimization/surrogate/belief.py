@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy.special import log_ndtr
 
 from mebo_grasp.errors import RunLogError
@@ -23,6 +24,8 @@ from mebo_grasp.optimization.surrogate.empirical_bayes import EmpiricalBayesSurr
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
 from mebo_grasp.optimization.surrogate.kernels import MATERN52
 from mebo_grasp.optimization.surrogate.structure import Structure, StructuredSurrogate, has_plateau
+
+BoolArray = npt.NDArray[np.bool_]
 
 FEWEST_VALUES = 3
 """Values off the plateau from which on they are modelled by themselves."""
@@ -89,27 +92,42 @@ class Belief:
         mean = self.value.predict_mean(A)
         if self.chance is None:
             return mean
-        # The mean label is 2 p - 1: as a probability it is rougher than ``log_chances``, but it is cheap.
-        chance = np.clip(0.5 * (1.0 + self.chance.predict_mean(A)), 0.0, 1.0)
-        total: FloatArray = self.floor + chance * (mean - self.floor)
+        total: FloatArray = self.floor + self._mean_chances(self.chance, A)[0] * (mean - self.floor)
         return total
 
-    def optimistic(self, A: FloatArray, deviations: float) -> tuple[FloatArray, FloatArray]:
-        """(mean + ``deviations`` standard deviations - floor) × chance + floor, and its gradient.
+    def mean_gradient(self, A: FloatArray) -> FloatArray:
+        """Gradient of ``predict_mean``, shape (m, d)."""
+        d_mean = self.value.mean_gradient(A)
+        if self.chance is None:
+            return d_mean
+        chance, open_ends = self._mean_chances(self.chance, A)
+        d_chance = np.where(open_ends[:, None], 0.5 * self.chance.mean_gradient(A), 0.0)
+        gain = self.value.predict_mean(A) - self.floor
+        gradient: FloatArray = chance[:, None] * d_mean + gain[:, None] * d_chance
+        return gradient
 
-        Returns:
-            Values, shape (m,), and gradients, shape (m, d).
+    @staticmethod
+    def _mean_chances(labels: GaussianProcess, A: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Chances by the mean label alone, and whether they lie between 0 and 1, shape (m,) each.
+
+        The mean label is 2 p - 1. That is rougher than ``log_chances``, but needs no variance.
         """
-        if deviations:
-            mean, sd, d_mean, d_sd = self.value.predict_with_gradients(A)
-            high, d_high = mean + deviations * sd, d_mean + deviations * d_sd
-        else:
-            high, d_high = self.value.predict_mean(A), self.value.mean_gradient(A)
+        chance = 0.5 * (1.0 + labels.predict_mean(A))
+        return np.clip(chance, 0.0, 1.0), (chance > 0.0) & (chance < 1.0)
+
+    def lifted(self, values: FloatArray, log_chances: FloatArray) -> FloatArray:
+        """Values off the plateau, shape (m,), brought down to it by the chance not to be off it, shape (m,)."""
+        return self.floor + np.exp(log_chances) * (values - self.floor) if self.chance is not None else values
+
+    def optimistic(self, A: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean plus standard deviation, times the chance, above the plateau: values (m,) and gradients (m, d)."""
+        mean, sd, d_mean, d_sd = self.value.predict_with_gradients(A)
+        high, d_high = mean + sd, d_mean + d_sd
         if self.chance is None:
             return high, d_high
-        log_chance, d_log_chance = self.log_chances_with_gradients(A)
-        gain, chance = high - self.floor, np.exp(log_chance)
-        return self.floor + chance * gain, chance[:, None] * (d_high + gain[:, None] * d_log_chance)
+        log_chances, d_log_chances = self.log_chances_with_gradients(A)
+        gain, chance = high - self.floor, np.exp(log_chances)
+        return self.floor + chance * gain, chance[:, None] * (d_high + gain[:, None] * d_log_chances)
 
     def condition_on(self, A: FloatArray) -> Belief:
         """With the own mean off the plateau, and the own label, assumed at A, shape (m, d)."""
@@ -212,9 +230,9 @@ class PlateauSurrogate:
         self._labels.restore(state["labels"])
 
 
-def _off_plateau(y: FloatArray) -> Any:
+def _off_plateau(y: FloatArray) -> BoolArray | None:
     """Which values are off the plateau, shape (n,); None if there is no plateau or hardly a value off it."""
     if len(y) == 0 or not has_plateau(y):
         return None
-    off = y > np.min(y)
+    off: BoolArray = y > np.min(y)
     return off if np.count_nonzero(off) >= FEWEST_VALUES else None
