@@ -26,12 +26,15 @@ from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.search_space import SearchSpace
 from mebo_grasp.optimization.selection import basins
 from mebo_grasp.optimization.selection.basin_views import View, find_candidates, level_of, look, refine
+from mebo_grasp.optimization.selection.polishing import polish
 from mebo_grasp.optimization.selection.solution_set import DEFAULT_SHARE, slot_values
 from mebo_grasp.optimization.selection.trust_region import TrustRegion
 from mebo_grasp.optimization.surrogate.belief import Beliefs, PlateauSurrogate
 
 SAME_PLACE = 1e-3
 """A pick this near to an observation, in every coordinate of the cube, does not open a new basin."""
+LATE_TURNS = ("refinement", "exploration", "refinement", "polishing")
+"""What trials are for, in turn, when the best candidate's basin is confirmed."""
 LOCAL_NET_SIZE = 512
 BOX_LENGTH, HALVING_TRIALS, HALVINGS = 0.4, 2, 5
 """Side of the box around the best value; it halves when 2 max(4, d) trials have not improved on it, 4 times at most."""
@@ -89,8 +92,8 @@ class BasinSearch(MethodBase):
             elif turn == SET_TURN and self.settings.num_solutions is not None:
                 point, phase = self._pick_for_set(beliefs, views), "solution set"
             else:
-                point, phase = pick(beliefs, views, self._refinements % 2 == 1)
-                self._refinements += phase in ("refinement", "exploration")
+                point, phase = pick(beliefs, views, LATE_TURNS[self._refinements % len(LATE_TURNS)], rng)
+                self._refinements += phase != "search"
             self._phase = self._phase if picks else phase
             picks.append(point)
             beliefs = beliefs.condition_on(point[None])
@@ -183,13 +186,16 @@ def most_promising(beliefs: Beliefs, views: list[View], incumbents: list[FloatAr
     return refine(view.belief, view.candidates[best], float(incumbents[member][best]), None)
 
 
-def pick(beliefs: Beliefs, views: list[View], explore: bool) -> tuple[FloatArray, str]:
+def pick(
+    beliefs: Beliefs, views: list[View], late_turn: str, rng: np.random.Generator
+) -> tuple[FloatArray, str]:
     """The candidate with the highest expected score, refined, shape (d,), and why it is taken.
 
     Args:
         beliefs: what is believed.
         views: one a member, of the same candidates.
-        explore: whether to look for the least improbable new basin if the best candidate's is confirmed.
+        late_turn: what to do if the best candidate's basin is confirmed, of ``LATE_TURNS``.
+        rng: source of randomness.
     """
     # All members fit the same values, so their scores have the same units and may be averaged.
     value = np.stack([view.log_scores for view in views]) + np.log(beliefs.shares)[:, None]
@@ -201,7 +207,11 @@ def pick(beliefs: Beliefs, views: list[View], explore: bool) -> tuple[FloatArray
     if not view.confirmed[best] and not known:
         return point, "search"
     refined = value[:, best].max() <= np.log(view.level.resolution)
-    if explore or refined:
+    if late_turn == "polishing":
+        polished = polish(views[0].belief.U, views[0].belief.y, views[0].top_incumbents, rng)
+        if polished is not None:
+            return polished, late_turn
+    if late_turn == "exploration" or refined:
         reach = np.max([np.where(view.confirmed, -np.inf, view.log_reach) for view in views], axis=0)
         if np.any(np.isfinite(reach)):
             return view.candidates[int(np.argmax(reach))], "exploration"

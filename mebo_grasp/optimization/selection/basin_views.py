@@ -25,6 +25,7 @@ MAX_CANDIDATES, MAX_CANDIDATES_ABOVE_2D = 128, 32
 TOP_SHARE = 0.05
 """A basin reaches the top if it comes within this share of the spread (best minus median) of the best."""
 NEIGHBOURS = 8
+NO_INCUMBENT = -1
 SLACK_SHARE = 1e-3
 RESOLUTION_SHARE = 1e-6
 """Improvements below this share of the spread are not worth a trial."""
@@ -81,6 +82,7 @@ class View:
         sd: shape (m,).
         log_chance: log probability to be off the plateau, shape (m,).
         own: value of each candidate's local incumbent, shape (m,).
+        index: which of the belief's points the incumbent is, shape (m,); ``NO_INCUMBENT`` if there is none.
         reach: how far the observations that were asked for it lie, shape (m, 2); see ``basins.Neighbours``.
     """
 
@@ -91,6 +93,7 @@ class View:
     sd: FloatArray
     log_chance: FloatArray
     own: FloatArray
+    index: npt.NDArray[np.int64]
     reach: FloatArray
 
     @property
@@ -126,18 +129,29 @@ class View:
         hopeful = np.flatnonzero(value > self.own)
         hopeful = hopeful[basins.within_reach(belief, self.candidates[hopeful], point, self.reach[hopeful])]
         ends = np.broadcast_to(point, (len(hopeful), len(point)))
-        own = self.own.copy()
-        own[hopeful[basins.same_basin(belief, self.candidates[hopeful], ends, self.level.slack)]] = value
-        return replace(self, belief=belief, mean=mean, sd=sd, log_chance=belief.log_chances(self.candidates), own=own)
+        own, index = self.own.copy(), self.index.copy()
+        hopeful = hopeful[basins.same_basin(belief, self.candidates[hopeful], ends, self.level.slack)]
+        own[hopeful], index[hopeful] = value, len(belief.y) - 1
+        log_chance = belief.log_chances(self.candidates)
+        return replace(self, belief=belief, mean=mean, sd=sd, log_chance=log_chance, own=own, index=index)
+
+    @property
+    def top_incumbents(self) -> npt.NDArray[np.int64]:
+        """Indices of the incumbents that have reached the top level, without repeats."""
+        reached = (self.index != NO_INCUMBENT) & (self.own >= self.level.top)
+        return np.unique(self.index[reached])
 
 
 def look(belief: Belief, candidates: FloatArray, level: Level) -> View:
     """Look at candidates, shape (m, d)."""
     mean, sd = belief.predict(candidates)
     near = basins.basin_neighbours(belief, candidates, belief.U, NEIGHBOURS, level.slack)
-    own = np.max(np.where(near.shared, belief.y[near.index], -np.inf), axis=1)
+    values = np.where(near.shared, belief.y[near.index], -np.inf)
+    rows, best = np.arange(len(candidates)), np.argmax(values, axis=1)
+    own = values[rows, best]
+    index = np.where(np.isfinite(own), near.index[rows, best], NO_INCUMBENT)
     own = np.where(np.isfinite(own), own, np.min(belief.y))
-    return View(belief, candidates, level, mean, sd, belief.log_chances(candidates), own, near.reach)
+    return View(belief, candidates, level, mean, sd, belief.log_chances(candidates), own, index, near.reach)
 
 
 def find_candidates(belief: Belief, level: Level, rng: np.random.Generator) -> FloatArray:
