@@ -4,9 +4,13 @@ The surrogate's structure is chosen by evidence. Candidates are the local maxima
 (mean plus standard deviation) and of the mean. Each has a local incumbent, the best observation in the same
 basin. A candidate's score is the expected improvement on its own incumbent times the probability that it
 reaches the level of the best. A basin that has been confirmed has little left to improve, so the search
-turns to the others by itself, and when all are confirmed it refines them. Every other trial of that last
+turns to the others by itself, and when all are confirmed it refines them. A quarter of the trials of that last
 stage goes instead to where an unconfirmed basin of the top level is least improbable, because a surrogate
-that is too sure of itself would never look there.
+that is too sure of itself would never look there; and a quarter polishes incumbents without a model, because a
+smooth surrogate never finds the summit of a kink.
+
+Where the function has a plateau, one trial in three improves on the best value near it. Where the number of
+solutions is given, one in three goes to the set of that many diverse points.
 """
 
 from __future__ import annotations

@@ -21,9 +21,10 @@ from mebo_grasp.errors import RunLogError
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.surrogate.empirical_bayes import EmpiricalBayesSurrogate
+from mebo_grasp.optimization.surrogate.family import Structure, has_plateau
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
 from mebo_grasp.optimization.surrogate.kernels import MATERN52
-from mebo_grasp.optimization.surrogate.structure import Structure, StructuredSurrogate, has_plateau
+from mebo_grasp.optimization.surrogate.structure import StructuredSurrogate
 
 BoolArray = npt.NDArray[np.bool_]
 
