@@ -8,10 +8,10 @@ narrow a parameter's variance. All members are learned when the number of values
 by a fixed factor; members that have fallen far behind are only refreshed then, and in between only those that
 are believed. As long as the evidence does not decide, several are: each with its share of the evidence.
 
-Where many values equal the lowest and hardly one is better (with more of them ``belief`` models the plateau apart),
-only the coupled Matérn 5/2 is eligible. A squared exponential's functions are analytic, so one with a plateau would be constant, and a
-function that is cut off at a level is no sum over dimensions; the evidence rewards such members for the
-plateau that they predict well, while they promise the impossible beyond its border.
+Where many values equal the lowest and hardly one is better (with more of them ``belief`` models the plateau
+apart), only the coupled Matérn 5/2 is eligible. A squared exponential's functions are analytic, so one with a
+plateau would be constant, and a function that is cut off at a level is no sum over dimensions; the evidence
+rewards such members for the plateau that they predict well, while they promise the impossible beyond its border.
 """
 
 from __future__ import annotations
