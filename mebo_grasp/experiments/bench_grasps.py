@@ -4,7 +4,7 @@ Each method explores each object in the hand simulator, in position space with 2
 pose space with 500 (50 initial), the thesis's protocol (section 7.4). Printed are the best quality and the mean
 quality of the four best grasps that are 40 mm apart (a radian counting as 50 mm), mean and standard deviation
 over the seeds. The set is chosen from all trials in the same way for every method. All methods are told how many
-solutions are wanted, as the command line tells them. With ``--out`` every run is also appended to a file as a line
+solutions are wanted and, in position space, how far apart, as the command line tells them. With ``--out`` every run is also appended to a file as a line
 of JSON.
 """
 
@@ -64,7 +64,10 @@ def explore(target: TargetObject, hand: HandModel, space: str, method: str, seed
     """Explore once."""
     poses = (position_space if space == "position" else pose_space_6d)(target, hand)
     budget, initial = (250, 25) if space == "position" else (500, 50)
-    settings = OptimizerSettings(budget=budget, n_initial=initial, num_solutions=SET_SIZE)
+    distance = SET_DISTANCE if space == "position" else None
+    settings = OptimizerSettings(
+        budget=budget, n_initial=initial, num_solutions=SET_SIZE, min_distance=distance
+    )
     optimizer = Optimizer(SearchSpace(poses.names, poses.lower, poses.upper), method, settings, seed)
     cpu = 0.0
     with GraspSimulator(target, hand) as simulator:
