@@ -4,8 +4,8 @@ Each method explores each object in the hand simulator, in position space with 2
 pose space with 500 (50 initial), the thesis's protocol (section 7.4). Printed are the best quality and the mean
 quality of the four best grasps that are 40 mm apart (a radian counting as 50 mm), mean and standard deviation
 over the seeds. The set is chosen from all trials in the same way for every method. All methods are told how many
-solutions are wanted and, in position space, how far apart, as the command line tells them. With ``--out`` every run is also appended to a file as a line
-of JSON.
+solutions are wanted and, in position space, how far apart, as the command line tells them. With ``--out`` every
+run is also appended to a file as a line of JSON.
 """
 
 from __future__ import annotations
