@@ -24,7 +24,7 @@ from mebo_grasp.nodes.domain import private_domain
 from mebo_grasp.nodes.exploration_client import ExplorationClient, Standing
 from mebo_grasp.nodes.exploration_plan import SPACES
 from mebo_grasp.nodes.processes import NodeGroup, NodeProcess
-from mebo_grasp.optimization.methods.registry import METHOD_NAMES
+from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD, METHOD_NAMES
 from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.occlusion import Box, Occlusion
 
@@ -49,7 +49,10 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser.add_argument("--object", default="bottle", help="built-in name or mesh file (default: bottle)")
     parser.add_argument("--scale", type=float, default=1.0, help="factor from the mesh's unit to metres")
     parser.add_argument("--hand", default="icub_left", help="built-in name or hand description")
-    parser.add_argument("--method", default="mebo", help=f"one of {', '.join(METHOD_NAMES)} (default: mebo)")
+    parser.add_argument(
+        "--method", default=DEFAULT_METHOD,
+        help=f"one of {', '.join(METHOD_NAMES)} (default: {DEFAULT_METHOD})",
+    )
     parser.add_argument("--space", default="position", choices=sorted(SPACES), help="search space")
     parser.add_argument("--budget", type=int, default=250, help="number of trials (default: 250)")
     parser.add_argument("--initial", type=int, default=25, help="of these, initial design (default: 25)")
@@ -117,6 +120,8 @@ def _start_nodes(nodes: NodeGroup, options: argparse.Namespace, directory: Path,
         "budget": options.budget,
         "initial_points": min(options.initial, options.budget),
         "num_solutions": options.size,
+        # In pose space the optimizer's distance would mix metres and radians; there it keeps its own.
+        "min_distance": options.min_distance if options.space == "position" else 0.0,
         "run_log": str(directory.resolve() / RUN_LOG),
     }
     archive = {

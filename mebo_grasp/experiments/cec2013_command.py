@@ -30,7 +30,7 @@ from mebo_grasp.experiments.protocol import (
 )
 from mebo_grasp.experiments.runner import Outcome, run_jobs
 from mebo_grasp.experiments.tables import ResultSet, all_tables, legend
-from mebo_grasp.optimization.methods.basin_search import BasinSearch
+from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD
 
 DEFAULT_METHODS = ("default", "mebo")
 PENALIZATION = "local_penalization"
@@ -78,7 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def default_method() -> str:
     """Name of the method that ``default`` stands for."""
-    return BasinSearch.name
+    return DEFAULT_METHOD
 
 
 def plan(args: argparse.Namespace) -> list[Job]:

@@ -32,6 +32,7 @@ from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.nodes import qos
 from mebo_grasp.nodes.domain import private_domain
 from mebo_grasp.nodes.processes import NodeGroup, NodeProcess
+from mebo_grasp.optimization.methods.base import DEFAULT_METHOD
 from mebo_grasp.solutions.archive import SolutionArchive
 from mebo_grasp.solutions.occlusion import Box, Occlusion
 from msg_adapters.occlusion import to_occlusion_msg
@@ -233,7 +234,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--count", type=int, default=1000, help="samples of each figure")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--method", default="mebo")
+    parser.add_argument("--method", default=DEFAULT_METHOD)
     options = parser.parse_args()
     print(f"nodes over DDS; load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     with private_domain() as domain_id, tempfile.TemporaryDirectory() as name:

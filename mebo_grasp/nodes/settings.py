@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasping.trial import CONTACT_MODELS, QUALITY_NAMES
 from mebo_grasp.nodes.parameters import parameter
+from mebo_grasp.optimization.methods.base import DEFAULT_METHOD
 from mebo_grasp.solutions.blocking import BlockingRule
 
 OCCLUSION_RULES = tuple(rule.value for rule in BlockingRule)
@@ -52,7 +53,7 @@ class OptimizerNodeSettings:
     upper_bounds: tuple[float, ...] = parameter(
         (), "upper bounds of the search space [m, rad]; empty: derived from the object's box"
     )
-    method: str = parameter("mebo", "name of the optimization method")
+    method: str = parameter(DEFAULT_METHOD, "name of the optimization method")
     seed: int = parameter(1, "seed of the random generator", least=0)
     budget: int = parameter(250, "number of trials", least=1, most=1_000_000)
     initial_points: int = parameter(25, "trials of the initial Latin hypercube", least=1, most=100_000)

@@ -13,7 +13,7 @@ from mebo_grasp.errors import InvalidSettingsError, TrialStateError
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.initial_design import latin_hypercube
 from mebo_grasp.optimization.methods.base import IndexArray, Method, MethodSettings
-from mebo_grasp.optimization.methods.registry import make_method
+from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD, make_method
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.search_space import SearchSpace, read_only
 
@@ -71,7 +71,7 @@ class Optimizer:
     def __init__(
         self,
         space: SearchSpace,
-        method: str | Method = "mebo",
+        method: str | Method = DEFAULT_METHOD,
         settings: OptimizerSettings | None = None,
         rng: np.random.Generator | int = 0,
     ) -> None:

@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mebo_grasp.errors import MeboGraspError, RunLogError
+from mebo_grasp.optimization.methods.base import DEFAULT_METHOD
 from mebo_grasp.optimization.optimizer import Incumbent, Optimizer, OptimizerSettings, Trial
 from mebo_grasp.optimization.search_space import SearchSpace
 
@@ -181,7 +182,7 @@ class LoggedOptimizer:
         cls,
         path: str | os.PathLike[str],
         space: SearchSpace,
-        method: str = "mebo",
+        method: str = DEFAULT_METHOD,
         settings: OptimizerSettings | None = None,
         rng: np.random.Generator | int = 0,
     ) -> LoggedOptimizer:

@@ -33,6 +33,11 @@ def plateau(x):
     return float(max(0.0, 1.0 - np.sum(np.abs(x + 1.0))))
 
 
+def island(x):
+    """Zero on about half of the box and falling by a cliff to it."""
+    return float(2.0 + np.sum(np.cos(x))) if x[0] > -1.2 else 0.0
+
+
 def constant(_):
     return 0.0
 
@@ -46,7 +51,7 @@ def run(optimizer, objective):
     return np.array(trace)
 
 
-CASES = [(smooth, dim) for dim in (1, 3, 4, 5, 6)] + [(plateau, 1), (plateau, 2), (constant, 2)]
+CASES = [(smooth, dim) for dim in (1, 3, 4, 5, 6)] + [(plateau, 1), (plateau, 2), (island, 3), (constant, 2)]
 
 
 @pytest.mark.parametrize(("objective", "dim"), CASES, ids=[f"{f.__name__}-{dim}d" for f, dim in CASES])
@@ -99,18 +104,18 @@ def test_neither_global_randomness_nor_a_second_run_disturbs_it(name):
     assert np.array_equal(trace, expected)
 
 
-@pytest.mark.parametrize("kept_share", [0.4, 0.75])
-def test_a_killed_run_resumes_to_the_same_trace(name, kept_share, tmp_path):
+@pytest.mark.parametrize(("kept_share", "objective"), [(0.4, smooth), (0.75, smooth), (0.6, island)])
+def test_a_killed_run_resumes_to_the_same_trace(name, kept_share, objective, tmp_path):
     full = tmp_path / "full.jsonl"
     logged = LoggedOptimizer.create(full, space_of(2), name, quick(), 11)
-    run(logged, smooth)
+    run(logged, objective)
     lines = full.read_bytes().splitlines(keepends=True)
     part = tmp_path / "part.jsonl"
     part.write_bytes(b"".join(lines[: int(kept_share * len(lines))]))
     resumed = LoggedOptimizer.resume(part)
     while not resumed.finished:
         for trial in resumed.pending or resumed.ask():
-            resumed.tell(trial.id, smooth(trial.x))
+            resumed.tell(trial.id, objective(trial.x))
     assert part.read_bytes() == full.read_bytes()
 
 

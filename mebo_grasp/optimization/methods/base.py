@@ -15,6 +15,10 @@ from mebo_grasp.optimization.observations import Observations
 
 IndexArray = npt.NDArray[np.int64]
 
+DEFAULT_METHOD = "basin_search"
+"""The method of the library, the command line and the node where none is named. It stands here and not in the
+registry because a node's settings need the name without all methods' code."""
+
 KERNEL_NAMES = ("matern52", "squared_exponential")
 LEARNING_NAMES = ("empirical_bayes", "mcmc")
 

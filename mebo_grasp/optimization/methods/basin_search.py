@@ -4,125 +4,47 @@ The surrogate's structure is chosen by evidence. Candidates are the local maxima
 (mean plus standard deviation) and of the mean. Each has a local incumbent, the best observation in the same
 basin. A candidate's score is the expected improvement on its own incumbent times the probability that it
 reaches the level of the best. A basin that has been confirmed has little left to improve, so the search
-turns to the others by itself, and when all are confirmed it refines them. Every other trial of that last
+turns to the others by itself, and when all are confirmed it refines them. A quarter of the trials of that last
 stage goes instead to where an unconfirmed basin of the top level is least improbable, because a surrogate
-that is too sure of itself would never look there.
+that is too sure of itself would never look there; and a quarter polishes incumbents without a model, because a
+smooth surrogate never finds the summit of a kink.
+
+Where the function has a plateau, one trial in three improves on the best value near it. Where the number of
+solutions is given, one in three goes to the set of that many diverse points.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
-from scipy.optimize import minimize
-from scipy.special import log_ndtr, logsumexp
+from scipy.special import logsumexp
 
 from mebo_grasp.errors import RunLogError
 from mebo_grasp.grasp import FloatArray
-from mebo_grasp.optimization.acquisition.improvement import (
-    LogExpectedImprovement,
-    log_normalized_improvement,
-)
+from mebo_grasp.optimization.acquisition.improvement import LogExpectedImprovement
 from mebo_grasp.optimization.initial_design import sobol
 from mebo_grasp.optimization.methods.base import IndexArray, MethodSettings, state_int
 from mebo_grasp.optimization.methods.common import MethodBase, check_count, without_repeats
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.search_space import SearchSpace
 from mebo_grasp.optimization.selection import basins
-from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
-from mebo_grasp.optimization.surrogate.structure import Mixture, StructuredSurrogate
+from mebo_grasp.optimization.selection.basin_views import View, find_candidates, level_of, look, refine
+from mebo_grasp.optimization.selection.polishing import polish
+from mebo_grasp.optimization.selection.solution_set import DEFAULT_SHARE, slot_values
+from mebo_grasp.optimization.selection.trust_region import TrustRegion
+from mebo_grasp.optimization.surrogate.belief import Beliefs, PlateauSurrogate
 
-NET_SIZE, NET_SIZE_ABOVE_2D = 2048, 1024
-LEVEL_NET_SIZE = 512
-MAX_CANDIDATES, MAX_CANDIDATES_ABOVE_2D = 128, 32
-"""Above two dimensions no net resolves all basins, and more points cost more than they find."""
-TOP_SHARE = 0.05
-"""A basin reaches the top if it comes within this share of the spread (best minus median) of the best."""
-NEIGHBOURS = 8
-SLACK_SHARE = 1e-3
-RESOLUTION_SHARE = 1e-6
-"""Improvements below this share of the spread are not worth a trial."""
 SAME_PLACE = 1e-3
 """A pick this near to an observation, in every coordinate of the cube, does not open a new basin."""
-
-
-@dataclass(frozen=True, eq=False)
-class Level:
-    """What counts as good, units of y.
-
-    Args:
-        best: highest value.
-        spread: best minus the median over the search space.
-    """
-
-    best: float
-    spread: float
-
-    @property
-    def top(self) -> float:
-        """The level that a basin should reach."""
-        return self.best - TOP_SHARE * self.spread
-
-    @property
-    def slack(self) -> float:
-        """Dip that is forgiven within a basin."""
-        return SLACK_SHARE * self.spread
-
-    @property
-    def resolution(self) -> float:
-        """Improvement that is too small to matter."""
-        return RESOLUTION_SHARE * self.spread
-
-
-def level_of(posterior: GaussianProcess) -> Level:
-    """The level of a posterior.
-
-    The median is that of the mean over an even net, not of the observations: those gather at the top.
-    """
-    net = sobol(LEVEL_NET_SIZE, posterior.dim, np.random.default_rng(0))
-    best = float(np.max(posterior.y))
-    spread = best - float(np.median(posterior.predict_mean(net)))
-    return Level(best, spread if spread > 0.0 else 1.0)
-
-
-@dataclass(frozen=True, eq=False)
-class View:
-    """What one member of the mixture believes of m candidates.
-
-    Args:
-        posterior: the member.
-        level: what counts as good for it.
-        mean: shape (m,), units of y.
-        sd: shape (m,).
-        own: value of each candidate's local incumbent, shape (m,).
-    """
-
-    posterior: GaussianProcess
-    level: Level
-    mean: FloatArray
-    sd: FloatArray
-    own: FloatArray
-
-    @property
-    def log_scores(self) -> FloatArray:
-        """Log of (expected improvement on the own incumbent × probability to reach the top), shape (m,)."""
-        gain = self.mean - self.own - self.level.resolution
-        improvement = np.log(self.sd) + log_normalized_improvement(gain / self.sd)
-        value: FloatArray = improvement + log_ndtr(self.margins)
-        return value
-
-    @property
-    def margins(self) -> FloatArray:
-        """Standard deviations by which the mean exceeds the top level, shape (m,)."""
-        return (self.mean - self.level.top) / self.sd
-
-    @property
-    def confirmed(self) -> npt.NDArray[np.bool_]:
-        """Whether the incumbent has reached the top level and about what its basin promises, shape (m,)."""
-        promised = self.mean - TOP_SHARE * self.level.spread
-        return self.own >= np.maximum(self.level.top, promised)
+LATE_TURNS = ("refinement", "exploration", "refinement", "polishing")
+"""What trials are for, in turn, when the best candidate's basin is confirmed."""
+LOCAL_NET_SIZE = 512
+BOX_LENGTH, HALVING_TRIALS, HALVINGS = 0.4, 2, 5
+"""Side of the box around the best value; it halves when 2 max(4, d) trials have not improved on it, 4 times at most."""
+PERIOD, GREEDY_TURN, SET_TURN = 3, 0, 2
+"""One trial in this many goes to the best value of all if there is a plateau, and one to the set of diverse points
+if their number is given."""
 
 
 class BasinSearch(MethodBase):
@@ -137,8 +59,9 @@ class BasinSearch(MethodBase):
 
     def __init__(self, space: SearchSpace, settings: MethodSettings) -> None:
         super().__init__(space, settings)
-        self.surrogate = StructuredSurrogate(space.dim, settings.relearn_period)
+        self.surrogate = PlateauSurrogate(space.dim, settings.relearn_period)
         self._refinements = 0
+        self._proposed = 0
 
     def propose(self, observations: Observations, count: int, rng: np.random.Generator) -> FloatArray:
         """Return the next points, shape (count, d)."""
@@ -146,33 +69,52 @@ class BasinSearch(MethodBase):
         if observations.n == 0:
             self._phase = "no data"
             return rng.random((count, observations.dim))
-        mixture = self.surrogate.update(observations.U, observations.y, rng)
+        beliefs = self.surrogate.update(observations.U, observations.y, rng)
         assumed = np.concatenate([observations.failed, observations.pending])
         if len(assumed):
-            mixture = mixture.condition_on(assumed)
-        points = self._select(mixture, count, rng)
+            beliefs = beliefs.condition_on(assumed)
+        points = self._select(beliefs, count, rng)
         return without_repeats(points, observations, rng)
 
-    def _select(self, mixture: Mixture, count: int, rng: np.random.Generator) -> FloatArray:
-        levels = [level_of(posterior) for posterior in mixture.posteriors]
+    def _select(self, beliefs: Beliefs, count: int, rng: np.random.Generator) -> FloatArray:
+        levels = [level_of(belief) for belief in beliefs.members]
         candidates = np.concatenate(
             [
-                find_candidates(posterior, level, rng)
-                for posterior, level in zip(mixture.posteriors, levels, strict=True)
+                find_candidates(belief, level, rng)
+                for belief, level in zip(beliefs.members, levels, strict=True)
             ]
         )
+        views = [
+            look(belief, candidates, level) for belief, level in zip(beliefs.members, levels, strict=True)
+        ]
         picks: list[FloatArray] = []
         for _ in range(count):
-            views = [
-                view_of(posterior, candidates, level)
-                for posterior, level in zip(mixture.posteriors, levels, strict=True)
-            ]
-            point, phase = pick(mixture, views, candidates, self._refinements % 2 == 1)
-            self._refinements += phase != "search"
-            self._phase = phase
+            turn = self._proposed % PERIOD
+            self._proposed += 1
+            if turn == GREEDY_TURN and beliefs.best.chance is not None:
+                point, phase = pick_nearby(beliefs, views, rng), "improvement"
+            elif turn == SET_TURN and self.settings.num_solutions is not None:
+                point, phase = self._pick_for_set(beliefs, views), "solution set"
+            else:
+                point, phase = pick(beliefs, views, LATE_TURNS[self._refinements % len(LATE_TURNS)], rng)
+                self._refinements += phase != "search"
+            self._phase = self._phase if picks else phase
             picks.append(point)
-            mixture = mixture.condition_on(point[None])
+            beliefs = beliefs.condition_on(point[None])
+            views = [view.after(belief) for view, belief in zip(views, beliefs.members, strict=True)]
         return np.stack(picks)
+
+    def _pick_for_set(self, beliefs: Beliefs, views: list[View]) -> FloatArray:
+        """The candidate that promises most for the set of ``num_solutions`` diverse points, refined, shape (d,)."""
+        size, distance = self.settings.num_solutions or 1, self.settings.min_distance
+        scale = self.space.upper - self.space.lower if distance is not None else np.ones(self.space.dim)
+        if distance is None:
+            distance = DEFAULT_SHARE * np.sqrt(self.space.dim)
+        slots = [
+            slot_values(view.belief.U * scale, view.belief.y, view.candidates * scale, size, distance)
+            for view in views
+        ]
+        return most_promising(beliefs, views, slots)
 
     def solution_set(
         self, observations: Observations, size: int | None = None, min_distance: float | None = None
@@ -184,11 +126,11 @@ class BasinSearch(MethodBase):
             return np.empty(0, dtype=np.int64)
         if distance is not None:
             return super().solution_set(observations, size, distance)
-        posterior = self.surrogate.posterior(observations.U, observations.y)
-        level = level_of(posterior)
+        belief = self.surrogate.belief(observations.U, observations.y)
+        level = level_of(belief)
         floor = level.best - 0.5 * level.spread
         return basins.representatives(
-            posterior, observations.U, observations.y, 10 * level.slack, size, floor
+            belief, observations.U, observations.y, 10 * level.slack, size, floor
         )
 
     def state(self) -> dict[str, Any]:
@@ -196,6 +138,7 @@ class BasinSearch(MethodBase):
         return {
             **super().state(),
             "refinements": self._refinements,
+            "proposed": self._proposed,
             "surrogate": self.surrogate.state(),
         }
 
@@ -203,115 +146,77 @@ class BasinSearch(MethodBase):
         """Continue from ``state``."""
         super().restore(state)
         self._refinements = state_int(state, "refinements")
+        self._proposed = state_int(state, "proposed")
         surrogate = state.get("surrogate")
         if not isinstance(surrogate, dict):
             raise RunLogError(f"the method's state needs the surrogate's, got {surrogate!r}")
         self.surrogate.restore(surrogate)
 
 
-def find_candidates(posterior: GaussianProcess, level: Level, rng: np.random.Generator) -> FloatArray:
-    """Local maxima of mean plus standard deviation, of the mean, and of the margin, shape (m, d)."""
-    coordinates = basins.Coordinates(posterior)
-    planar = posterior.dim <= 2
-    size = NET_SIZE if planar else NET_SIZE_ABOVE_2D
-    limit = MAX_CANDIDATES if planar else MAX_CANDIDATES_ABOVE_2D
-    net = np.concatenate([basins.search_net(posterior, size, rng), posterior.U])
-    where = coordinates(net)
-    mean, sd = posterior.predict(net)
-    neighbours = 2 * posterior.dim + 2
-    hopeful = basins.neighbourhood_maxima(mean + sd, where, neighbours)[:limit]
-    peaks = basins.neighbourhood_maxima(mean, where, neighbours)[:limit]
-    improbable = basins.neighbourhood_maxima((mean - level.top) / sd, where, neighbours)[:limit]
-    scales = np.minimum(np.ptp(net, axis=0) / np.maximum(np.ptp(where, axis=0), 1e-9), 1.0)
-    points = np.concatenate(
-        [
-            basins.ascend(optimistic(posterior), net[hopeful], scales, 10),
-            basins.ascend(expected(posterior), net[peaks], scales, 16),
-            net[improbable],
-        ]
-    )
-    mean, sd = posterior.predict(points)
-    return points[basins.distinct(mean + sd, coordinates(points), basins.SAME_MAXIMUM)]
+
+def pick_nearby(beliefs: Beliefs, views: list[View], rng: np.random.Generator) -> FloatArray:
+    """The point with the highest expected improvement on the best value, in a box around it, shape (d,).
+
+    The box halves with every few trials that do not improve on the best, and starts anew when it has become
+    small (the trust region of TuRBO, Eriksson et al. 2019, without its growth): in many dimensions most of the
+    space stays uncertain for ever, and the improvement that it might hold would draw all trials to its corners.
+    """
+    member = int(rng.choice(len(views), p=beliefs.shares))
+    belief, best = views[member].belief, views[member].level.best
+    first = int(np.argmax(belief.y))
+    halvings = (len(belief.y) - 1 - first) // (HALVING_TRIALS * max(4, belief.dim))
+    region = TrustRegion(BOX_LENGTH * 0.5 ** (halvings % HALVINGS))
+    lengthscales = np.exp(np.minimum(belief.value.hyperparameters.theta[: belief.dim], np.log(4.0)))
+    lower, upper = region.box(belief.U[first], lengthscales)
+    points = lower + (upper - lower) * sobol(LOCAL_NET_SIZE, belief.dim, rng)
+    mean, sd = belief.predict(points)
+    value = LogExpectedImprovement(best).value(mean, sd) + belief.log_chances(points)
+    return refine(belief, points[int(np.argmax(value))], best, None, (lower, upper))
 
 
-def view_of(posterior: GaussianProcess, candidates: FloatArray, level: Level) -> View:
-    """Look at candidates, shape (m, d)."""
-    mean, sd = posterior.predict(candidates)
-    return View(posterior, level, mean, sd, local_incumbents(posterior, candidates, level))
+def most_promising(beliefs: Beliefs, views: list[View], incumbents: list[FloatArray]) -> FloatArray:
+    """The candidate that promises most beyond its incumbent, whether or not that is the top; refined, shape (d,).
+
+    Args:
+        beliefs: what is believed.
+        views: one a member, of the same m candidates.
+        incumbents: values to improve on, shape (m,) for each member.
+    """
+    value = np.stack([view.log_gains(own) for view, own in zip(views, incumbents, strict=True)])
+    value += np.log(beliefs.shares)[:, None]
+    best = int(np.argmax(logsumexp(value, axis=0)))
+    member = int(np.argmax(value[:, best]))
+    view = views[member]
+    return refine(view.belief, view.candidates[best], float(incumbents[member][best]), None)
 
 
 def pick(
-    mixture: Mixture, views: list[View], candidates: FloatArray, explore: bool
+    beliefs: Beliefs, views: list[View], late_turn: str, rng: np.random.Generator
 ) -> tuple[FloatArray, str]:
     """The candidate with the highest expected score, refined, shape (d,), and why it is taken.
 
     Args:
-        mixture: what is believed.
-        views: one a member.
-        candidates: shape (m, d).
-        explore: whether to look for the least improbable new basin if the best candidate's is confirmed.
+        beliefs: what is believed.
+        views: one a member, of the same candidates.
+        late_turn: what to do if the best candidate's basin is confirmed, of ``LATE_TURNS``.
+        rng: source of randomness.
     """
     # All members fit the same values, so their scores have the same units and may be averaged.
-    value = np.stack([view.log_scores for view in views]) + np.log(mixture.shares)[:, None]
+    value = np.stack([view.log_scores for view in views]) + np.log(beliefs.shares)[:, None]
     best = int(np.argmax(logsumexp(value, axis=0)))
     # The member that expects most of this candidate places the point.
     view = views[int(np.argmax(value[:, best]))]
-    point = refine(view.posterior, candidates[best], float(view.own[best]), view.level)
-    known = np.any(np.all(np.abs(view.posterior.U - point) <= SAME_PLACE, axis=1))
+    point = refine(view.belief, view.candidates[best], float(view.own[best]), view.level.top)
+    known = np.any(np.all(np.abs(view.belief.U - point) <= SAME_PLACE, axis=1))
     if not view.confirmed[best] and not known:
         return point, "search"
     refined = value[:, best].max() <= np.log(view.level.resolution)
-    if explore or refined:
-        margins = np.max([np.where(view.confirmed, -np.inf, view.margins) for view in views], axis=0)
-        if np.any(np.isfinite(margins)):
-            return candidates[int(np.argmax(margins))], "exploration"
+    if late_turn == "polishing":
+        polished = polish(views[0].belief.U, views[0].belief.y, views[0].top_incumbents, rng)
+        if polished is not None:
+            return polished, late_turn
+    if late_turn == "exploration" or refined:
+        reach = np.max([np.where(view.confirmed, -np.inf, view.log_reach) for view in views], axis=0)
+        if np.any(np.isfinite(reach)):
+            return view.candidates[int(np.argmax(reach))], "exploration"
     return point, "refinement"
-
-
-def local_incumbents(posterior: GaussianProcess, candidates: FloatArray, level: Level) -> FloatArray:
-    """Best value observed in each candidate's basin, shape (m,); the lowest of all where there is none."""
-    y = posterior.y
-    near = basins.basin_neighbours(posterior, candidates, posterior.U, NEIGHBOURS, level.slack)
-    own = np.max(np.where(near.shared, y[near.index], -np.inf), axis=1)
-    return np.where(np.isfinite(own), own, np.min(y))
-
-
-def optimistic(posterior: GaussianProcess) -> basins.ValueAndGradient:
-    """Mean plus standard deviation, with its gradient."""
-
-    def function(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        mean, sd, d_mean, d_sd = posterior.predict_with_gradients(points)
-        return mean + sd, d_mean + d_sd
-
-    return function
-
-
-def expected(posterior: GaussianProcess) -> basins.ValueAndGradient:
-    """Mean, with its gradient."""
-
-    def function(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return posterior.predict_mean(points), posterior.mean_gradient(points)
-
-    return function
-
-
-def refine(posterior: GaussianProcess, start: FloatArray, own: float, level: Level) -> FloatArray:
-    """Climb the score from ``start``, shape (d,), with its incumbent kept; return the end, shape (d,)."""
-    improvement = LogExpectedImprovement(own)
-
-    def objective(u: FloatArray) -> tuple[float, FloatArray]:
-        mean, sd, d_mean, d_sd = posterior.predict_with_gradients(u[None])
-        by_mean, by_sd = improvement.partials(mean, sd)
-        t = (mean - level.top) / sd
-        value = improvement.value(mean, sd) + log_ndtr(t)
-        mills = np.exp(-0.5 * t * t - 0.5 * np.log(2.0 * np.pi) - log_ndtr(t)) / sd
-        gradient = (by_mean + mills)[:, None] * d_mean + (by_sd - t * mills)[:, None] * d_sd
-        return -float(value[0]), -gradient[0]
-
-    result = minimize(
-        objective, start, jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(start),
-        options={"maxiter": 30},
-    )
-    before = objective(start)[0]
-    point: FloatArray = np.clip(result.x, 0.0, 1.0) if result.fun < before else start
-    return point

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from mebo_grasp.errors import InvalidSettingsError
-from mebo_grasp.optimization.methods.base import Method, MethodSettings
+from mebo_grasp.optimization.methods.base import DEFAULT_METHOD, Method, MethodSettings
 from mebo_grasp.optimization.methods.basin_search import BasinSearch
 from mebo_grasp.optimization.methods.bo import BoEi, BoPi, BoThompson, BoUcb
 from mebo_grasp.optimization.methods.cl_mebo import ClMebo
@@ -36,6 +36,9 @@ _METHODS: dict[str, Callable[[SearchSpace, MethodSettings], Method]] = {
 
 METHOD_NAMES: tuple[str, ...] = tuple(_METHODS)
 """Names that ``make_method`` knows."""
+
+
+__all__ = ["DEFAULT_METHOD", "METHOD_NAMES", "make_method"]
 
 
 def make_method(name: str, space: SearchSpace, settings: MethodSettings | None = None) -> Method:

@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.initial_design import sobol
+from mebo_grasp.optimization.surrogate.belief import Belief
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
 from mebo_grasp.optimization.surrogate.kernels import Kernel
 from mebo_grasp.optimization.surrogate.warping import MappedKernel
@@ -25,6 +26,9 @@ IndexArray = npt.NDArray[np.int64]
 
 SEGMENT_POINTS = 9
 """Interior points at which a segment is probed."""
+LOCAL_CENTRES = 32
+LOCAL_WIDTHS = np.array([0.03, 0.1, 0.3])
+"""A local net's centres, and its standard deviations in lengthscales."""
 SAME_MAXIMUM = 0.05
 """Ascents that end nearer than this, in lengthscales, found the same maximum."""
 
@@ -53,7 +57,28 @@ def unmapped(kernel: Kernel, theta: FloatArray, V: FloatArray) -> FloatArray:
 
 
 class Coordinates:
-    """The kernel's own coordinates of a posterior: mapped inputs over lengthscales."""
+    """The kernel's own coordinates of a posterior: mapped inputs over lengthscales; of all its parts."""
+
+    def __init__(self, posterior: GaussianProcess | Belief) -> None:
+        parts = posterior.parts if isinstance(posterior, Belief) else (posterior,)
+        self._parts = [PartCoordinates(part) for part in parts]
+
+    def __call__(self, U: FloatArray) -> FloatArray:
+        """Coordinates of points, shape (m, k) with d of them for each part."""
+        return np.concatenate([part(U) for part in self._parts], axis=1)
+
+    def scales(self, net: FloatArray) -> FloatArray:
+        """Typical length over which the posterior changes, of each dimension, at most 1, shape (d,).
+
+        Args:
+            net: points that fill the cube, shape (m, d).
+        """
+        rates = [np.ptp(part(net), axis=0) / np.maximum(np.ptp(net, axis=0), 1e-9) for part in self._parts]
+        return 1.0 / np.maximum(np.max(rates, axis=0), 1.0)
+
+
+class PartCoordinates:
+    """The coordinates of one Gaussian process: mapped inputs over lengthscales."""
 
     def __init__(self, posterior: GaussianProcess) -> None:
         self._kernel = posterior.kernel
@@ -68,19 +93,36 @@ class Coordinates:
         return scaled
 
 
-def search_net(posterior: GaussianProcess, size: int, rng: np.random.Generator) -> FloatArray:
+def search_net(posterior: GaussianProcess | Belief, size: int, rng: np.random.Generator) -> FloatArray:
     """Sobol points in the cube; if the kernel maps its inputs, half of them even in the mapped cube instead.
 
     Where the map stretches the inputs the function varies fast, and a net that is even in the cube would
     step over its maxima.
     """
     net = sobol(size, posterior.dim, rng)
+    posterior = posterior.value if isinstance(posterior, Belief) else posterior
     if not isinstance(posterior.kernel, MappedKernel):
         return net
     half = size // 2
     return np.concatenate(
         [net[:half], unmapped(posterior.kernel, posterior.hyperparameters.theta, net[half:])]
     )
+
+
+def local_net(posterior: GaussianProcess | Belief, size: int, rng: np.random.Generator) -> FloatArray:
+    """Points around the best observations, shape (size, d), nearer than an even net's in many dimensions.
+
+    Args:
+        posterior: the surrogate.
+        size: number of points.
+        rng: source of randomness.
+    """
+    best = posterior.U[np.argsort(-posterior.y, kind="stable")[:LOCAL_CENTRES]]
+    corners = np.stack([np.zeros(posterior.dim), np.ones(posterior.dim)])
+    scales = Coordinates(posterior).scales(corners)
+    width = scales * LOCAL_WIDTHS[rng.integers(len(LOCAL_WIDTHS), size=size)][:, None]
+    centres = best[rng.integers(len(best), size=size)]
+    return np.clip(centres + width * rng.standard_normal(centres.shape), 0.0, 1.0)
 
 
 def neighbourhood_maxima(values: FloatArray, points: FloatArray, neighbours: int) -> IndexArray:
@@ -143,7 +185,7 @@ def distinct(values: FloatArray, coordinates: FloatArray, radius: float) -> Inde
     return np.array(kept, dtype=np.int64)
 
 
-def same_basin(posterior: GaussianProcess, A: FloatArray, B: FloatArray, slack: float) -> BoolArray:
+def same_basin(posterior: GaussianProcess | Belief, A: FloatArray, B: FloatArray, slack: float) -> BoolArray:
     """Whether the posterior mean does not dip between A_i and B_i by more than ``slack``, shape (m,).
 
     Args:
@@ -169,14 +211,16 @@ class Neighbours:
     Args:
         index: shape (m, k).
         shared: shape (m, k).
+        reach: distance of the farthest of them in the kernel's coordinates and in the cube's, shape (m, 2).
     """
 
     index: IndexArray
     shared: BoolArray
+    reach: FloatArray
 
 
 def basin_neighbours(
-    posterior: GaussianProcess, candidates: FloatArray, U: FloatArray, count: int, slack: float
+    posterior: GaussianProcess | Belief, candidates: FloatArray, U: FloatArray, count: int, slack: float
 ) -> Neighbours:
     """Find the nearest observations of each candidate and test each for the same basin.
 
@@ -192,18 +236,36 @@ def basin_neighbours(
     """
     coordinates = Coordinates(posterior)
     count = min(count, len(U))
-    _, by_kernel = cKDTree(coordinates(U)).query(coordinates(candidates), k=count)
-    _, by_cube = cKDTree(U).query(candidates, k=count)
-    index = np.concatenate(
-        [np.asarray(near, dtype=np.int64).reshape(-1, count) for near in (by_kernel, by_cube)], axis=1
-    )
+    by_kernel = cKDTree(coordinates(U)).query(coordinates(candidates), k=count)
+    by_cube = cKDTree(U).query(candidates, k=count)
+    nearest = (by_kernel, by_cube)
+    index = np.concatenate([np.asarray(i, dtype=np.int64).reshape(-1, count) for _, i in nearest], axis=1)
+    reach = np.stack([np.asarray(far).reshape(-1, count)[:, -1] for far, _ in nearest], axis=1)
     starts = np.repeat(candidates, index.shape[1], axis=0)
     shared = same_basin(posterior, starts, U[index.ravel()], slack).reshape(index.shape)
-    return Neighbours(index, shared)
+    return Neighbours(index, shared, reach)
+
+
+def within_reach(belief: Belief, candidates: FloatArray, point: FloatArray, reach: FloatArray) -> BoolArray:
+    """Whether a further point, shape (d,), would be among the neighbours of candidates, shape (m, d).
+
+    Args:
+        belief: the surrogate.
+        candidates: shape (m, d).
+        point: shape (d,).
+        reach: that of their neighbours, shape (m, 2).
+    """
+    if len(candidates) == 0:
+        return np.zeros(0, dtype=bool)
+    coordinates = Coordinates(belief)
+    by_kernel = np.linalg.norm(coordinates(candidates) - coordinates(point[None]), axis=1)
+    by_cube = np.linalg.norm(candidates - point, axis=1)
+    near: BoolArray = (by_kernel <= reach[:, 0]) | (by_cube <= reach[:, 1])
+    return near
 
 
 def representatives(
-    posterior: GaussianProcess,
+    posterior: GaussianProcess | Belief,
     U: FloatArray,
     y: FloatArray,
     slack: float,

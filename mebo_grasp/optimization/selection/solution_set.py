@@ -35,3 +35,25 @@ def greedy_diverse_set(
             kept.append(int(index))
             free &= np.linalg.norm(X - X[index], axis=1) >= min_distance
     return np.array(kept, dtype=np.int64)
+
+
+def slot_values(
+    X: FloatArray, y: FloatArray, candidates: FloatArray, size: int, min_distance: float
+) -> FloatArray:
+    """Value that each candidate has to exceed to improve the greedy diverse set, shape (m,).
+
+    That is the best value nearer to it than ``min_distance``, which it would displace, or the last one of a
+    full set if that is higher.
+
+    Args:
+        X: points, shape (n, d), n at least 1.
+        y: values, shape (n,).
+        candidates: shape (m, d), units of X.
+        size: number of points wanted.
+        min_distance: smallest distance between two of the set, units of X.
+    """
+    kept = greedy_diverse_set(X, y, size, min_distance)
+    least = float(y[kept[-1]]) if len(kept) >= size else float(np.min(y))
+    near = np.linalg.norm(candidates[:, None] - X[None, :], axis=2) < min_distance
+    displaced = np.max(np.where(near, y, least), axis=1)
+    return np.maximum(displaced, least)

@@ -238,11 +238,24 @@ class GaussianProcess:
         """
         U = np.concatenate([self.U, A])
         z = np.concatenate([self.z, (np.asarray(values) - self.centre) / self.scale])
-        K = self.kernel.matrix(U, U, self.hyperparameters.theta)
-        K.flat[:: len(K) + 1] += np.exp(self.hyperparameters.log_noise)
-        L = cholesky(K)
+        L = self._extended_factor(A)
         weights, _ = lapack.dpotrs(L, z, lower=1)
         return replace(self, U=U, z=z, L=L, weights=weights)
+
+    def _extended_factor(self, A: FloatArray) -> FloatArray:
+        """Cholesky factor with further points A, shape (k, d): the old one with k rows added."""
+        theta = self.hyperparameters.theta
+        corner = self.kernel.matrix(A, A, theta)
+        corner.flat[:: len(A) + 1] += np.exp(self.hyperparameters.log_noise)
+        if self.n == 0:
+            return cholesky(corner)
+        rows = blas.dtrsm(1.0, self.L, self.kernel.matrix(A, self.U, theta).T, lower=1).T
+        corner -= rows @ rows.T
+        L = np.zeros((self.n + len(A),) * 2, order="F")
+        L[: self.n, : self.n] = self.L
+        L[self.n :, : self.n] = rows
+        L[self.n :, self.n :] = cholesky(corner)
+        return L
 
     def sample_path(
         self, rng: np.random.Generator, n_features: int = 1024

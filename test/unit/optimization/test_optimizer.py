@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from mebo_grasp.errors import InvalidSettingsError, TrialStateError
+from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD, METHOD_NAMES
 from mebo_grasp.optimization.optimizer import INITIAL_PHASE, Optimizer, OptimizerSettings
 from mebo_grasp.optimization.search_space import SearchSpace
 
@@ -134,3 +135,8 @@ def test_unknown_method_lists_the_known_ones():
 def test_asking_for_nothing_is_refused():
     with pytest.raises(InvalidSettingsError, match="at least 1"):
         small().ask(0)
+
+
+def test_the_default_method_is_the_registry_s():
+    assert DEFAULT_METHOD in METHOD_NAMES
+    assert Optimizer(SearchSpace.unit_cube(2)).method.name == DEFAULT_METHOD

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from mebo_grasp.optimization.methods.basin_search import BasinSearch, level_of
+from mebo_grasp.optimization.methods.basin_search import BasinSearch
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.optimizer import Optimizer, OptimizerSettings
 from mebo_grasp.optimization.search_space import SearchSpace
+from mebo_grasp.optimization.selection.basin_views import level_of
 
 PEAKS = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
 
@@ -111,3 +112,34 @@ def test_noise_does_not_break_the_search():
     optimizer = finished(lambda x: five_peaks(x) + 0.05 * rng.standard_normal(), 1, 60)
     hits = [s.x[0] for s in optimizer.solution_set() if five_peaks(s.x) > 0.9]
     assert len({int(np.argmin(np.abs(x - PEAKS))) for x in hits}) == 5
+
+
+def test_every_third_trial_goes_to_the_set_also_after_a_restart():
+    net = (np.arange(30)[:, None] + 0.5) / 30.0
+    settings = OptimizerSettings(num_solutions=2, min_distance=0.1)
+    method, twin = (BasinSearch(SearchSpace.unit_cube(1), settings) for _ in range(2))
+    method.propose(observed(net, five_peaks), 2, np.random.default_rng(0))
+    assert method.phase == "search"
+    twin.restore(method.state())
+    for resumed in (twin, method):
+        resumed.propose(observed(net, five_peaks), 1, np.random.default_rng(0))
+        assert resumed.phase == "solution set"
+
+
+def test_all_peaks_of_different_height_enter_the_set_that_is_wanted():
+    def three(x):
+        heights = np.array([1.0, 0.6, 0.4])
+        return float(np.sum(heights * np.exp(-0.5 * ((x[0] - np.array([0.15, 0.5, 0.85])) / 0.05) ** 2)))
+
+    solutions = finished(three, 1, 60, num_solutions=3, min_distance=0.2).solution_set()
+    np.testing.assert_allclose(sorted(s.x[0] for s in solutions), [0.15, 0.5, 0.85], atol=0.01)
+
+
+def test_best_value_beside_a_cliff_is_found_in_six_dimensions():
+    # Off the plateau on a few per cent of the space; the value rises to 1.7 at the cliff in the first dimension.
+    def cliff(x):
+        distance = float(np.linalg.norm(x[1:] - 0.5))
+        return max(0.0, 1.0 + x[0] - 2.0 * distance) if x[0] < 0.7 and distance < 0.45 else 0.0
+
+    optimizer = finished(cliff, 6, 200, n_initial=50)
+    assert optimizer.incumbent.value > 1.6

@@ -1,6 +1,6 @@
 import numpy as np
 
-from mebo_grasp.optimization.selection.solution_set import greedy_diverse_set
+from mebo_grasp.optimization.selection.solution_set import greedy_diverse_set, slot_values
 
 X = np.array([[0.0], [0.1], [0.5], [0.52], [1.0]])
 Y = np.array([1.0, 3.0, 2.0, 2.5, 0.5])
@@ -17,3 +17,14 @@ def test_exact_distance_counts_as_different_and_ties_keep_their_order():
 
 def test_no_points_give_an_empty_set():
     assert greedy_diverse_set(np.empty((0, 2)), np.empty(0), 3, 0.1).tolist() == []
+
+
+def test_slot_of_a_candidate_is_what_it_would_displace():
+    # The set of three is 0.1 (3.0), 0.52 (2.5), 1.0 (0.5).
+    candidates = np.array([[0.12], [0.45], [0.75], [1.0]])
+    assert slot_values(X, Y, candidates, 3, 0.2).tolist() == [3.0, 2.5, 0.5, 0.5]
+
+
+def test_slot_of_a_set_that_is_not_full_is_the_lowest_value():
+    assert slot_values(X, Y, np.array([[0.75]]), 9, 0.2).tolist() == [0.5]
+    assert slot_values(X[:3], Y[:3], np.array([[0.8]]), 9, 0.2).tolist() == [1.0]

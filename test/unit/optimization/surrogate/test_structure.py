@@ -8,15 +8,8 @@ import pytest
 from mebo_grasp.errors import InvalidSettingsError, RunLogError
 from mebo_grasp.optimization.initial_design import latin_hypercube
 from mebo_grasp.optimization.surrogate.additive import ADDITIVE_MATERN52, ADDITIVE_SQUARED_EXPONENTIAL
-from mebo_grasp.optimization.surrogate.structure import (
-    Structure,
-    StructuredSurrogate,
-    StructureSettings,
-    climb,
-    family,
-    prior_of,
-    starts,
-)
+from mebo_grasp.optimization.surrogate.family import Structure, climb, family, prior_of, starts
+from mebo_grasp.optimization.surrogate.structure import StructuredSurrogate, StructureSettings
 
 
 def learned(function, dim, n, seed=0, settings=None):

@@ -1,0 +1,53 @@
+"""Polishing closes in on maxima that no smooth model fits."""
+
+import numpy as np
+import pytest
+
+from mebo_grasp.optimization.selection.polishing import polish
+
+
+def tent(u):
+    """A kinked summit, steeper on one side, at 0.3 in each dimension."""
+    return -float(np.sum(np.where(u < 0.3, 3.0 * (0.3 - u), u - 0.3)))
+
+
+@pytest.mark.parametrize(("dim", "trials", "accuracy"), [(1, 40, 2e-5), (2, 150, 2e-3)])
+def test_kinked_summit_is_closed_in_on(dim, trials, accuracy):
+    rng = np.random.default_rng(0)
+    U = rng.random((20, dim))
+    for _ in range(trials):
+        y = np.array([tent(u) for u in U])
+        point = polish(U, y, np.array([np.argmax(y)]), rng)
+        if point is None:
+            break
+        U = np.concatenate([U, point[None]])
+    assert -max(tent(u) for u in U) < accuracy
+
+
+def test_in_one_dimension_the_larger_side_of_the_bracket_is_halved():
+    U = np.array([[0.0], [0.1], [0.5], [0.6], [1.0]])
+    y = np.array([0.0, 0.1, 1.0, 0.2, 0.0])
+    point = polish(U, y, np.array([2]), np.random.default_rng(0))
+    assert point is not None
+    np.testing.assert_allclose(point, [0.3])
+
+
+def test_the_incumbent_known_least_exactly_comes_first():
+    U = np.array([[0.0], [0.1], [0.101], [0.102], [0.2], [0.5], [0.55], [0.6], [0.75], [0.8]])
+    y = np.array([0.0, 0.5, 1.0, 0.5, 0.0, 0.0, 0.2, 1.0, 0.1, 0.0])
+    point = polish(U, y, np.array([2, 7]), np.random.default_rng(0))
+    assert point is not None
+    assert abs(point[0] - 0.6) == pytest.approx(0.05)
+
+
+def test_an_incumbent_beside_a_better_one_is_left_out():
+    U = np.array([[0.0], [0.2], [0.5], [0.51], [0.9]])
+    y = np.array([0.0, 0.1, 0.9, 1.0, 0.0])
+    assert polish(U, y, np.array([2]), np.random.default_rng(0)) is None
+
+
+def test_nothing_is_left_when_all_are_exact():
+    U = 0.1 + 1e-9 * np.arange(-2.0, 3.0)[:, None]
+    y = -np.abs(np.arange(-2.0, 3.0))
+    assert polish(U, y, np.array([2]), np.random.default_rng(0)) is None
+    assert polish(U, y, np.array([], dtype=np.int64), np.random.default_rng(0)) is None

@@ -1,0 +1,114 @@
+"""Beliefs about functions with a plateau, against functions whose plateau is known."""
+
+import json
+
+import numpy as np
+import pytest
+
+from mebo_grasp.errors import RunLogError
+from mebo_grasp.optimization.surrogate.belief import Belief, PlateauSurrogate
+from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
+
+
+def cliff(U):
+    """Rises towards 0.6 along the first axis and falls to a plateau at 0 beyond it and below 0.3."""
+    return np.where((U[:, 0] > 0.3) & (U[:, 0] < 0.6), 1.0 + U[:, 0], 0.0)
+
+
+@pytest.fixture(scope="module")
+def belief():
+    U = np.random.default_rng(0).random((80, 2))
+    return PlateauSurrogate(2).update(U, cliff(U), np.random.default_rng(1)).best
+
+
+def test_plateau_is_where_it_is(belief):
+    inside = belief.log_chances(np.array([[0.45, 0.5], [0.4, 0.2]]))
+    outside = belief.log_chances(np.array([[0.85, 0.5], [0.1, 0.2]]))
+    assert np.all(np.exp(inside) > 0.9)
+    assert np.all(np.exp(outside) < 0.1)
+
+
+def test_values_beside_the_cliff_are_not_drawn_to_the_plateau(belief):
+    A = np.array([[0.55, 0.5], [0.35, 0.4]])
+    mean, _ = belief.predict(A)
+    np.testing.assert_allclose(mean, cliff(A), atol=0.02)
+
+
+def test_mean_of_the_function_is_the_plateau_s_value_on_the_plateau(belief):
+    np.testing.assert_allclose(belief.predict_mean(np.array([[0.9, 0.5], [0.1, 0.2]])), 0.0, atol=0.1)
+
+
+def differences(function, A):
+    """Gradient by central differences, shape (m, 2)."""
+    steps = 1e-6 * np.eye(2)
+    return np.stack([(function(A + step) - function(A - step)) / 2e-6 for step in steps], axis=1)
+
+
+def test_gradients_agree_with_differences(belief):
+    A = np.array([[0.45, 0.5], [0.62, 0.3], [0.25, 0.7]])
+    cases = [
+        (lambda A: belief.optimistic(A)[0], belief.optimistic(A)[1]),
+        (belief.log_chances, belief.log_chances_with_gradients(A)[1]),
+        (belief.predict_mean, belief.mean_gradient(A)),
+    ]
+    for function, gradient in cases:
+        np.testing.assert_allclose(differences(function, A), gradient, rtol=1e-3, atol=1e-4)
+
+
+def test_without_a_plateau_it_is_the_gaussian_process():
+    U = np.random.default_rng(0).random((20, 2))
+    y = np.sin(5.0 * U[:, 0]) + U[:, 1]
+    belief = PlateauSurrogate(2).update(U, y, np.random.default_rng(1)).best
+    A = np.random.default_rng(2).random((5, 2))
+    assert belief.chance is None
+    np.testing.assert_array_equal(belief.log_chances(A), np.zeros(5))
+    np.testing.assert_array_equal(belief.predict_mean(A), belief.value.predict_mean(A))
+
+
+def test_one_value_off_the_plateau_is_too_few_to_model_by_itself():
+    U = np.random.default_rng(0).random((20, 2))
+    y = np.zeros(20)
+    y[3] = 1.0
+    assert PlateauSurrogate(2).update(U, y, np.random.default_rng(1)).best.chance is None
+
+
+def test_assumed_points_extend_both_parts(belief):
+    A = np.array([[0.5, 0.5]])
+    after = belief.condition_on(A)
+    assert after.y[-1] == pytest.approx(belief.value.predict_mean(A)[0])
+    for before, part in zip(belief.parts, after.parts, strict=True):
+        assert part.n == before.n + 1
+        assert part.predict(A)[1][0] < before.predict(A)[1][0]
+        assert part.predict_mean(A)[0] == pytest.approx(before.predict_mean(A)[0], rel=1e-6)
+    np.testing.assert_array_equal(after.U[-1], A[0])
+
+
+def test_appended_points_give_the_posterior_of_a_whole_fit():
+    rng = np.random.default_rng(0)
+    U, A, B = rng.random((30, 2)), rng.random((4, 2)), rng.random((6, 2))
+    before = GaussianProcess.fit(U, np.sin(U.sum(axis=1)))
+    values = np.array([0.3, -0.2, 0.1, 0.0])
+    appended = before.condition_on(A, values)
+    z = np.concatenate([before.z, (values - before.centre) / before.scale])
+    whole = GaussianProcess.of_standardized(np.concatenate([U, A]), z, before.hyperparameters)
+    mean, sd = whole.predict(B)
+    np.testing.assert_allclose(appended.predict(B)[0], mean * before.scale + before.centre, rtol=1e-6)
+    np.testing.assert_allclose(appended.predict(B)[1], sd * before.scale, rtol=1e-5)
+
+
+def test_state_survives_json():
+    U = np.random.default_rng(0).random((60, 2))
+    y = cliff(U)
+    one, two = PlateauSurrogate(2), PlateauSurrogate(2)
+    one.update(U, y, np.random.default_rng(1))
+    two.restore(json.loads(json.dumps(one.state())))
+    A = np.random.default_rng(3).random((5, 2))
+    first, second = one.belief(U, y), two.belief(U, y)
+    assert isinstance(first, Belief)
+    np.testing.assert_array_equal(first.predict(A)[0], second.predict(A)[0])
+    np.testing.assert_array_equal(first.log_chances(A), second.log_chances(A))
+
+
+def test_unreadable_state_is_refused():
+    with pytest.raises(RunLogError, match="labels"):
+        PlateauSurrogate(2).restore({**PlateauSurrogate(2).state(), "labels": None})
