@@ -109,7 +109,8 @@ def bounding_balls(
     if len(capsules):
         _balls_in_tcp_frame(first_capsule, capsules, centers, inner, outer)
     # Read-only arrays would be compiled for once more.
-    _to_object_frame(np.require(positions, None, "CW"), np.require(quaternions, None, "CW"), centers)
+    positions, quaternions = (np.require(a, None, ["C", "W"]) for a in (positions, quaternions))
+    _to_object_frame(positions, quaternions, centers)
     return centers, inner, outer
 
 

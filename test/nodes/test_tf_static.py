@@ -11,6 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
 from mebo_grasp_interfaces.msg import GraspQuality, OcclusionArray
@@ -114,7 +115,7 @@ def test_occlusions_wait_for_their_frame(
     best: Inbox[PoseStamped] = probe.listen(PoseStamped, "best_grasp", qos.LATCHED)
     qualities = probe.publisher(GraspQuality, "grasp_quality", qos.QUALITIES)
     for stamp, (height, quality) in enumerate(((0.0, 0.5), (0.08, 0.4)), start=1):
-        pose = Pose([0.0, 0.1, height])
+        pose = Pose(np.array([0.0, 0.1, height]))
         qualities.publish(answer(to_pose_stamped_msg(stamp, OBJECT, pose), quality))
     best.wait_for(lambda m: m.pose.position.z == 0.0)
     occlusions = probe.publisher(OcclusionArray, "occlusions", qos.LATCHED)

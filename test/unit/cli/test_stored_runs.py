@@ -68,31 +68,48 @@ def stamps(grasps: list[StampedGrasp]) -> list[int]:
     return [grasp.stamp_ns for grasp in grasps]
 
 
+SMALL = "sphere:0.05@0,0.05,0"
+TCP, HAND_RULE = {"rule": BlockingRule.TCP}, {"rule": BlockingRule.HAND, "approach_length": 0.1}
 FILTERS = [
-    (["--rule", "tcp"], {"rule": BlockingRule.TCP, "approach_length": 0.1}),
-    ([], {"rule": BlockingRule.HAND, "approach_length": 0.1}),
+    (["--rule", "tcp"], TCP),
+    ([], HAND_RULE),
     (["--approach-length", "0"], {"rule": BlockingRule.HAND}),
-    (["--min-quality", "0.5", "--rule", "tcp"], {"rule": BlockingRule.TCP, "min_quality": 0.5}),
-    (["--min-diversity", "0.1"], {"rule": BlockingRule.HAND, "approach_length": 0.1, "min_diversity": 0.1}),
+    (["--approach-length", "0.5"], {"rule": BlockingRule.HAND, "approach_length": 0.5}),
+    (["--min-quality", "0.93"], HAND_RULE | {"min_quality": 0.93}),
+    (["--min-diversity", "0.25"], HAND_RULE | {"min_diversity": 0.25}),
 ]
+
+
+def asked(folder: Path, *options: str) -> list[int]:
+    """Return the stamps that ``export`` writes."""
+    file = folder / "some.jsonl"
+    assert main(["export", str(folder), str(file), "--max-grasps", "30", *options]) == 0
+    return stamps([from_record(json.loads(line)) for line in file.read_text().splitlines()])
 
 
 @pytest.mark.parametrize(("options", "query"), FILTERS)
 def test_best_and_export_answer_as_the_archive_does(
     run_folder: Path, capsys: pytest.CaptureFixture[str], options: list[str], query: dict[str, object]
 ) -> None:
-    small = "sphere:0.05@0.05,0,0"
-    occlusions = (parse_occlusion(small),)
-    expected = answer_of(run_folder, BestGraspQuery(occlusions, max_grasps=5, **query))  # type: ignore[arg-type]
-    chosen = ["--max-grasps", "5", "--occlusion", small, *options]
+    occlusions = (parse_occlusion(SMALL),)
+    expected = answer_of(run_folder, BestGraspQuery(occlusions, max_grasps=30, **query))  # type: ignore[arg-type]
+    chosen = ["--max-grasps", "30", "--occlusion", SMALL, *options]
+    capsys.readouterr()
     assert main(["best", str(run_folder), "--json", *chosen]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert stamps([from_record(json.loads(line)) for line in lines]) == stamps(expected)
-    assert expected
-    file = run_folder / "some.jsonl"
-    assert main(["export", str(run_folder), str(file), *chosen]) == 0
-    exported = [from_record(json.loads(line)) for line in file.read_text().splitlines()]
-    assert stamps(exported) == stamps(expected)
+    assert asked(run_folder, "--occlusion", SMALL, *options) == stamps(expected)
+
+
+def test_every_filter_changes_the_answer(run_folder: Path) -> None:
+    answers = {tuple(asked(run_folder, "--occlusion", SMALL, *options)) for options, _ in FILTERS}
+    answers.add(tuple(asked(run_folder)))
+    answers.add(tuple(asked(run_folder, "--occlusion", SMALL, "--margin", "0.03")))
+    assert len(answers) == len(FILTERS) + 2, answers
+    nearest = ["--min-diversity", "0.25", "--occlusion", SMALL, "--rotation-weight"]
+    assert asked(run_folder, *nearest, "0") != asked(run_folder, *nearest, "1")
+    turned = ["--min-diversity", "0.1", "--rotation-weight", "0"]
+    assert asked(run_folder, *turned) != asked(run_folder, *turned, "--symmetry-axis", "0", "0", "1")
 
 
 def test_best_says_what_blocked_and_by_its_exit_code_that_nothing_is_left(
