@@ -17,6 +17,7 @@ from mebo_grasp.cli.report import ProgressLine, grasp_table
 from mebo_grasp.cli.run_folder import DATABASE, PICTURE, RUN_LOG
 from mebo_grasp.errors import InvalidSettingsError, MeboGraspError
 from mebo_grasp.grasp import Pose, StampedGrasp
+from mebo_grasp.grasping.facet_space import FACETS
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.rendering import render_grasps
 from mebo_grasp.grasping.target_object import TargetObject
@@ -54,6 +55,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help=f"one of {', '.join(METHOD_NAMES)} (default: {DEFAULT_METHOD})",
     )
     parser.add_argument("--space", default="position", choices=sorted(SPACES), help="search space")
+    parser.add_argument("--facet", default="+y", choices=FACETS, help="in space facet: what the hand faces (+y)")
     parser.add_argument("--budget", type=int, default=250, help="number of trials (default: 250)")
     parser.add_argument("--initial", type=int, default=25, help="of these, initial design (default: 25)")
     parser.add_argument("--seed", type=int, default=1, help="seed of the random generator (default: 1)")
@@ -115,6 +117,7 @@ def _start_nodes(nodes: NodeGroup, options: argparse.Namespace, directory: Path,
     hand = {"hand": options.hand}
     optimizer = {
         "space": options.space,
+        "facet": options.facet,
         "method": options.method,
         "seed": options.seed,
         "budget": options.budget,

@@ -204,6 +204,8 @@ class Target:
 
     def verdict(self, value: float) -> str:
         """Return the figure beside what is asked, and whether it is reached."""
+        if np.isnan(value):
+            return f"{self.name}: not defined on these poses"
         reached = value >= self.limit if self.at_least else value <= self.limit
         sign = ">=" if self.at_least else "<="
         return f"{self.name}: {value:.4g} (asked {sign} {self.limit:g}; {'reached' if reached else 'MISSED'})"

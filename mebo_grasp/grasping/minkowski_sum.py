@@ -129,7 +129,8 @@ def sum_origin_distance(sets: FloatArray) -> float:
             except ZeroDivisionError:
                 break
             if end in (CONVERGED, OUTSIDE):
-                return float(distance)
+                # Every sum holds the origin; on its surface rounding leaves about 1e-16.
+                return float(distance) if distance > TOLERANCE else 0.0
             if end == DEGENERATE:
                 break
             capacity *= 4

@@ -10,6 +10,7 @@ import numpy as np
 
 from mebo_grasp.errors import InvalidSettingsError, RunLogError
 from mebo_grasp.grasp import FloatArray, Pose
+from mebo_grasp.grasping.facet_space import FacetSpace, facet_space
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.pose_space import PoseSpace, pose_space_6d, position_space
 from mebo_grasp.grasping.target_object import TargetObject
@@ -21,7 +22,7 @@ from mebo_grasp.optimization.search_space import SearchSpace
 SAME_POSE = 1e-6
 """Largest difference, metres and radians, at which two poses are the same, seen through a message."""
 
-SPACES = {"position": position_space, "pose": pose_space_6d}
+SPACES = ("position", "pose", "facet")
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class ExplorationPlan:
     """
 
     object_id: str
-    pose_space: PoseSpace
+    pose_space: PoseSpace | FacetSpace
     settings: OptimizerNodeSettings
 
     @property
@@ -133,7 +134,10 @@ def make_plan(settings: OptimizerNodeSettings) -> ExplorationPlan:
     hand = HandModel.load(settings.hand)
     if settings.space not in SPACES:
         raise InvalidSettingsError(f"space is '{settings.space}', known are {', '.join(SPACES)}")
-    pose_space = SPACES[settings.space](
-        target, hand, lower=settings.lower_bounds or None, upper=settings.upper_bounds or None
-    )
+    bounds = settings.lower_bounds or None, settings.upper_bounds or None
+    pose_space: PoseSpace | FacetSpace
+    if settings.space == "facet":
+        pose_space = facet_space(target, hand, *bounds, facet=settings.facet)
+    else:
+        pose_space = (position_space if settings.space == "position" else pose_space_6d)(target, hand, *bounds)
     return ExplorationPlan(target.object_id, pose_space, settings)

@@ -46,7 +46,10 @@ class OptimizerNodeSettings:
         1.0, "factor from the mesh file's unit to metres (0.001 for millimetres)", least=1e-9, most=1e9
     )
     hand: str = parameter("icub_left", "hand: a built-in name or the path of a hand description (YAML)")
-    space: str = parameter("position", "search space: position (3-D, fixed orientation) or pose (6-D)")
+    space: str = parameter(
+        "position", "search space: position (3-D, fixed orientation), pose (6-D) or facet (6-D, about a facet)"
+    )
+    facet: str = parameter("+y", "facet of the object's box that the hand faces in space facet: +x, -x, +y, -y, +z, -z")
     lower_bounds: tuple[float, ...] = parameter(
         (), "lower bounds of the search space [m, rad]; empty: derived from the object's box"
     )

@@ -10,6 +10,7 @@ import pytest
 import yaml
 from scipy.stats import qmc
 
+from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import GraspOutcome
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.simulator import GraspSimulator
@@ -73,3 +74,15 @@ def test_the_box_is_taken_by_the_optimizer_and_holds_grasps(name: str) -> None:
     with GraspSimulator(target, HandModel.load("icub_left"), TrialSettings(compute_volume=False)) as simulator:
         outcomes = [simulator.trial(space.to_pose(x)).outcome for x in points]
     assert outcomes.count(GraspOutcome.GRASPED) >= 1
+
+
+def test_an_exploration_can_search_about_a_facet() -> None:
+    plan = make_plan(OptimizerNodeSettings(object="drill", space="facet", facet="-y"))
+    assert plan.search_space.names == ("along", "across", "towards", "roll", "pitch", "yaw")
+    x = np.random.default_rng(3).uniform(plan.search_space.lower, plan.search_space.upper)
+    found = plan.point_of(plan.pose_space.to_pose(x))
+    assert found is not None
+    np.testing.assert_allclose(found, x, atol=1e-9)
+    assert plan.pose_space.to_pose(np.zeros(6)).position[1] < 0.0
+    with pytest.raises(InvalidSettingsError, match="sideways"):
+        make_plan(OptimizerNodeSettings(space="facet", facet="sideways"))
