@@ -220,12 +220,15 @@ class GaussianProcess:
         Returns:
             (mean (m,), sd (m,), d mean (m, d), d sd (m, d)), units of y (per side of the cube).
         """
-        mean, sd = self.predict(A)
         if self.n == 0:
-            return mean, sd, np.zeros_like(A), np.zeros_like(A)
+            return *self.predict(A), np.zeros_like(A), np.zeros_like(A)
         theta = self.hyperparameters.theta
         K = self.kernel.matrix(A, self.U, theta)
         solved, _ = lapack.dpotrs(self.L, K.T, lower=1)
+        prior = self.kernel.diagonal(A, theta)
+        explained = np.einsum("ij,ji->i", K, solved)
+        mean = (K @ self.weights) * self.scale + self.centre
+        sd = np.sqrt(np.maximum(prior - explained, _VARIANCE_FLOOR * prior)) * self.scale
         # The prior variance is constant for all kernels here, so only the explained part varies.
         d_variance = -2.0 * self.kernel.input_gradient(A, self.U, theta, np.ascontiguousarray(solved.T))
         d_sd = d_variance * (self.scale**2 / (2.0 * sd))[:, None]
