@@ -76,9 +76,12 @@ def test_ament_index_names_the_package(workspace: Path, package: str) -> None:
 
 def test_parameter_files_are_in_share(workspace: Path) -> None:
     share = workspace / "install" / "mebo_grasp" / "share" / "mebo_grasp" / "params"
-    wanted = {path.name: path.read_bytes() for path in (ROOT / "params").glob("*.yaml")}
+    wanted, installed = (
+        {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*.yaml")}
+        for folder in (ROOT / "params", share)
+    )
     assert {f"{node}.yaml" for node in NODES} <= wanted.keys()
-    assert {path.name: path.read_bytes() for path in share.iterdir()} == wanted
+    assert installed == wanted
 
 
 @pytest.mark.parametrize("package", ["mebo_grasp", "msg_adapters"])
