@@ -26,7 +26,7 @@ def _read_only(values: npt.ArrayLike, shape: tuple[int, ...], what: str) -> Floa
     array = np.array(values, dtype=np.float64)
     if array.shape != shape:
         raise InvalidPoseError(f"{what} must have shape {shape}, got {array.shape}")
-    if not np.all(np.isfinite(array)):
+    if not np.isfinite(array).all():
         raise InvalidPoseError(f"{what} must be finite, got {array.tolist()}")
     array.setflags(write=False)
     return array
@@ -100,10 +100,17 @@ class Pose:
     @property
     def matrix(self) -> FloatArray:
         """The homogeneous matrix, shape (4, 4)."""
-        T = np.eye(4)
-        T[:3, :3] = self.rotation.as_matrix()
-        T[:3, 3] = self.position
-        return T
+        x, y, z, w = self.quaternion_xyzw.tolist()
+        p, q, r = self.position.tolist()
+        # Written out, since a trial asks for it and scipy's general way takes four times as long.
+        return np.array(
+            [
+                [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w), p],
+                [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w), q],
+                [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y), r],
+                [0.0, 0.0, 0.0, 1.0],
+            ]
+        )
 
     @property
     def rpy(self) -> FloatArray:
@@ -153,7 +160,7 @@ class GraspContact:
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", _read_only(self.position, (3,), "contact position"))
         normal = _read_only(self.normal, (3,), "contact normal")
-        if abs(float(np.linalg.norm(normal)) - 1.0) > 1e-6:
+        if abs(math.sqrt(float(normal @ normal)) - 1.0) > 1e-6:
             raise InvalidPoseError(f"contact normal {normal.tolist()} is not of unit length")
         object.__setattr__(self, "normal", normal)
 

@@ -399,6 +399,29 @@ def _confirmed(points: FloatArray, hull: Polytope, facet: int, inside: FloatArra
 
 
 @njit(cache=True)
+def _farthest_first(points: FloatArray, chosen: IntArray) -> IntArray:
+    """Return the other points' indices, each as far as possible from all before it: fewer facets are made in vain."""
+    n, d = points.shape
+    away, order = np.full(n, np.inf), np.empty(n - len(chosen), np.int64)
+    for at in range(n - 1):
+        last = chosen[at] if at < len(chosen) else order[at - len(chosen)]
+        away[last] = -1.0
+        following, farthest = -1, -1.0
+        for i in range(n):
+            if away[i] < 0.0:
+                continue
+            distance2 = 0.0
+            for k in range(d):
+                distance2 += (points[i, k] - points[last, k]) ** 2
+            away[i] = min(away[i], distance2)
+            if away[i] > farthest:
+                following, farthest = i, away[i]
+        if at + 1 >= len(chosen):
+            order[at + 1 - len(chosen)] = following
+    return order
+
+
+@njit(cache=True)
 def _volume(points: FloatArray, capacity: int) -> tuple[float, int]:
     """Return the hull's volume by adding one point after the other, and how it ended."""
     n, d = points.shape
@@ -414,9 +437,7 @@ def _volume(points: FloatArray, capacity: int) -> tuple[float, int]:
         for k in range(d):
             height -= hull.normals[f, k] * inside[k]
         total += height * hull.areas[f]
-    for i in range(n):
-        if np.any(simplex == i):
-            continue
+    for i in _farthest_first(points, simplex):
         n_seen = _look_from(points, i, hull)
         for s in range(n_seen):
             total += hull.heights[hull.seen[s]] * hull.areas[hull.seen[s]]
