@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import HandPosture, Pose
 from mebo_grasp.grasping.hand_model import HandModel
-from mebo_grasp.grasping.pose_space import finger_length, finger_reach
+from mebo_grasp.grasping.pose_space import checked_values, finger_length, finger_reach, within
 from mebo_grasp.grasping.synergies import SynergyBasis, hand_synergies
 from mebo_grasp.grasping.target_object import TargetObject
 
@@ -89,13 +89,13 @@ class FacetSpace:
             InvalidSettingsError: wrong number of values.
             InvalidPoseError: a value is not finite.
         """
-        values = self._checked(x)
+        values = checked_values(x, self.names)
         shift = self.T_default_increment @ values[:3]
         return self.T_object_default @ Pose.from_rpy(shift, values[3:6])
 
     def to_posture(self, x: npt.ArrayLike) -> HandPosture:
         """Return the posture in which the hand arrives: that of the synergy's amplitude, or the preshape."""
-        values = self._checked(x)
+        values = checked_values(x, self.names)
         return self.hand.preshape if self.basis is None else self.basis.posture(self.hand, values[6:])
 
     def from_pose(self, pose: Pose, posture: HandPosture | None = None) -> FloatArray:
@@ -109,17 +109,7 @@ class FacetSpace:
 
     def contains(self, x: npt.ArrayLike, slack: float = 1e-9) -> bool:
         """Whether a candidate lies within the bounds."""
-        values = np.asarray(x, dtype=np.float64)
-        return bool(np.all(values >= self.lower - slack) and np.all(values <= self.upper + slack))
-
-    def _checked(self, x: npt.ArrayLike) -> FloatArray:
-        values = np.asarray(x, dtype=np.float64)
-        if values.shape != (self.dimension,):
-            raise InvalidSettingsError(
-                f"a candidate of this space has {self.dimension} values ({', '.join(self.names)}), "
-                f"got an array of shape {values.shape}"
-            )
-        return values
+        return within(x, self.lower, self.upper, slack)
 
 
 def facet_axes(facet: str, fingers: str | None) -> tuple[FloatArray, FloatArray]:

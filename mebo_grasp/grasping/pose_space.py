@@ -26,6 +26,27 @@ DEFAULT_ROTATION_SPAN = (0.5, 0.4, 0.7)
 """Half ranges of roll, pitch and yaw about the side approach, radians."""
 
 
+def checked_values(x: npt.ArrayLike, names: tuple[str, ...]) -> FloatArray:
+    """Return a candidate as an array, one value a dimension of its space.
+
+    Raises:
+        InvalidSettingsError: wrong number of values.
+    """
+    values = np.asarray(x, dtype=np.float64)
+    if values.shape != (len(names),):
+        raise InvalidSettingsError(
+            f"a candidate of this space has {len(names)} values ({', '.join(names)}), "
+            f"got an array of shape {values.shape}"
+        )
+    return values
+
+
+def within(x: npt.ArrayLike, lower: FloatArray, upper: FloatArray, slack: float) -> bool:
+    """Whether a candidate lies within bounds widened by ``slack``."""
+    values = np.asarray(x, dtype=np.float64)
+    return bool(np.all(values >= lower - slack) and np.all(values <= upper + slack))
+
+
 @dataclass(frozen=True, eq=False)
 class PoseSpace:
     """A box of candidates and the pose of the TCP in the object's frame that each stands for.
@@ -68,12 +89,7 @@ class PoseSpace:
             InvalidSettingsError: wrong number of values.
             InvalidPoseError: a value is not finite.
         """
-        values = np.asarray(x, dtype=np.float64)
-        if values.shape != (self.dimension,):
-            raise InvalidSettingsError(
-                f"a candidate of this space has {self.dimension} values ({', '.join(self.names)}), "
-                f"got an array of shape {values.shape}"
-            )
+        values = checked_values(x, self.names)
         full = np.concatenate([self.base_position, self.base_rpy])
         full[self._indices] = values
         return Pose.from_rpy(full[:3], full[3:])
@@ -88,8 +104,7 @@ class PoseSpace:
 
     def contains(self, x: npt.ArrayLike, slack: float = 1e-9) -> bool:
         """Whether a candidate lies within the bounds."""
-        values = np.asarray(x, dtype=np.float64)
-        return bool(np.all(values >= self.lower - slack) and np.all(values <= self.upper + slack))
+        return within(x, self.lower, self.upper, slack)
 
     @property
     def _indices(self) -> list[int]:

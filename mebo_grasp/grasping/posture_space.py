@@ -10,7 +10,7 @@ import numpy.typing as npt
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import HandPosture, Pose
 from mebo_grasp.grasping.hand_model import HandModel
-from mebo_grasp.grasping.pose_space import PoseSpace, pose_space_6d
+from mebo_grasp.grasping.pose_space import PoseSpace, checked_values, pose_space_6d, within
 from mebo_grasp.grasping.synergies import SynergyBasis, hand_synergies
 from mebo_grasp.grasping.target_object import TargetObject
 
@@ -83,7 +83,7 @@ class PosturePoseSpace:
         Raises:
             InvalidSettingsError: wrong number of values.
         """
-        return self.pose.to_pose(self._checked(x)[: self.pose.dimension])
+        return self.pose.to_pose(checked_values(x, self.names)[: self.pose.dimension])
 
     def to_posture(self, x: npt.ArrayLike) -> HandPosture:
         """Return the posture in which a candidate arrives, shape (d,).
@@ -91,7 +91,7 @@ class PosturePoseSpace:
         Raises:
             InvalidSettingsError: wrong number of values.
         """
-        return self.basis.posture(self.hand, self._checked(x)[self.pose.dimension :])
+        return self.basis.posture(self.hand, checked_values(x, self.names)[self.pose.dimension :])
 
     def from_pose(self, pose: Pose, posture: HandPosture) -> FloatArray:
         """Return the candidate nearest in meaning to a pose and a posture, shape (d,)."""
@@ -100,17 +100,7 @@ class PosturePoseSpace:
 
     def contains(self, x: npt.ArrayLike, slack: float = 1e-9) -> bool:
         """Whether a candidate lies within the bounds."""
-        values = np.asarray(x, dtype=np.float64)
-        return bool(np.all(values >= self.lower - slack) and np.all(values <= self.upper + slack))
-
-    def _checked(self, x: npt.ArrayLike) -> FloatArray:
-        values = np.asarray(x, dtype=np.float64)
-        if values.shape != (self.dimension,):
-            raise InvalidSettingsError(
-                f"a candidate of this space has {self.dimension} values ({', '.join(self.names)}), "
-                f"got an array of shape {values.shape}"
-            )
-        return values
+        return within(x, self.lower, self.upper, slack)
 
 
 def pose_posture_space(
