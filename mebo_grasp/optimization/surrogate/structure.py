@@ -29,12 +29,14 @@ from mebo_grasp.optimization.surrogate.family import (
     family,
     has_plateau,
     laplace_evidence,
+    placed,
     prior_of,
     starts,
 )
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess, Hyperparameters, standardize
 from mebo_grasp.optimization.surrogate.hyperparameters import subset
 from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel
+from mebo_grasp.optimization.surrogate.warping import StretchWarp
 
 MAX_BELIEVED, SMALLEST_SHARE = 3, 0.05
 """Members that are believed at once, and the share of the best one's evidence below which one is not."""
@@ -227,10 +229,10 @@ class StructuredSurrogate:
         iterations = self._settings.scout_iterations
         if not cold:
             return _climbed(member, U, z, self._settings.refresh_iterations)
-        scouts = [
-            _climbed(replace(member, vector=start), U, z, iterations)
-            for start in starts(member.structure, self._dim, known)
-        ]
+        points = starts(member.structure, self._dim, known)
+        if isinstance(member.structure.warp, StretchWarp):
+            points = [placed(member.structure, U, z, point) for point in points]
+        scouts = [_climbed(replace(member, vector=start), U, z, iterations) for start in points]
         best = max(scouts, key=lambda scout: scout.value)
         return _climbed(best, U, z, 3 * iterations)
 
