@@ -73,7 +73,9 @@ def family(dim: int) -> tuple[Structure, ...]:
     plain = coupled + additive
     if dim > MAX_WARPED_DIM:
         return tuple(plain)
-    warped = [replace(structure, warp=warp) for warp in (KumaraswamyWarp(), StretchWarp()) for structure in plain]
+    warped = [
+        replace(structure, warp=StretchWarp() if structure.turned else KumaraswamyWarp()) for structure in plain
+    ]
     return (*plain, *warped)
 
 
