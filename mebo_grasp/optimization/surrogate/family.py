@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from scipy.optimize import minimize
@@ -16,14 +17,15 @@ from mebo_grasp.optimization.surrogate.additive import (
 )
 from mebo_grasp.optimization.surrogate.hyperparameters import log_posterior, log_posterior_and_gradient
 from mebo_grasp.optimization.surrogate.kernels import MATERN52, SQUARED_EXPONENTIAL, Kernel, LogNormalPrior
-from mebo_grasp.optimization.surrogate.warping import InputMap, KumaraswamyWarp, MappedKernel, StretchWarp, Turn
+from mebo_grasp.optimization.surrogate.warping import KumaraswamyWarp, MappedKernel, StretchWarp, Turn, Warp
 
 START_LENGTHSCALES = (0.08, 0.25, 0.8)
 """Where the searches start: a lengthscale of 0.08 follows a function with about six periods a side."""
+START_ANGLES = tuple(np.linspace(0.0, np.pi / 2.0, 8, endpoint=False))
 START_PLACES = tuple(np.linspace(0.0, 1.0, 11))
 START_WIDTHS = (0.02, 0.1)
 START_FACTORS = (0.7, 1.0, 1.5)
-START_ANGLES = tuple(np.linspace(0.0, np.pi / 2.0, 8, endpoint=False))
+"""A stretch is sought from these places and widths, with these changes of the lengthscale."""
 PLATEAU_SHARE, PLATEAU_SIZE = 0.15, 4
 """A share and a number of values equal to the lowest that mean that the function has a plateau there."""
 MAX_WARPED_DIM = 3
@@ -47,7 +49,7 @@ class Structure:
     """
 
     base: Kernel
-    warp: InputMap | None = None
+    warp: Warp | None = None
     turned: bool = False
 
     @property
@@ -63,7 +65,11 @@ class Structure:
 
 
 def family(dim: int) -> tuple[Structure, ...]:
-    """The structures that are compared in ``dim`` dimensions; simpler ones before those built on them."""
+    """The structures that are compared in ``dim`` dimensions; simpler ones before those built on them.
+
+    Along the given axes the warp is Kumaraswamy's: what it stretches is an end of a side. Along turned axes it is
+    the stretch, because there the part of the cube in which the function varies fast may lie anywhere.
+    """
     coupled = [Structure(MATERN52), Structure(SQUARED_EXPONENTIAL)]
     additive: list[Structure] = []
     if dim > 1:
@@ -74,7 +80,8 @@ def family(dim: int) -> tuple[Structure, ...]:
     if dim > MAX_WARPED_DIM:
         return tuple(plain)
     warped = [
-        replace(structure, warp=StretchWarp() if structure.turned else KumaraswamyWarp()) for structure in plain
+        replace(structure, warp=StretchWarp() if structure.turned else KumaraswamyWarp())
+        for structure in plain
     ]
     return (*plain, *warped)
 
@@ -114,9 +121,7 @@ def starts(structure: Structure, dim: int, known: dict[Structure, FloatArray]) -
     return extended or _cold_starts(structure, dim)
 
 
-def placed(
-    structure: Structure, U: FloatArray, z: FloatArray, vector: FloatArray
-) -> FloatArray:
+def placed(structure: Structure, U: FloatArray, z: FloatArray, vector: FloatArray) -> FloatArray:
     """The best of a few places and widths of each dimension's stretch, one dimension after the other.
 
     The posterior density has many maxima along a place, so a climb from the identity seldom finds the highest.
@@ -140,15 +145,13 @@ def placed(
     best, highest = vector, value(vector)
     for axis in range(dim):
         origin = best
-        for place in START_PLACES:
-            for width in START_WIDTHS:
-                for factor in START_FACTORS:
-                    trial = origin.copy()
-                    trial[[first + axis, first + dim + axis]] = place, np.log(width)
-                    trial[axis] += np.log(factor)
-                    reached = value(trial)
-                    if reached > highest:
-                        best, highest = trial, reached
+        for place, width, factor in product(START_PLACES, START_WIDTHS, START_FACTORS):
+            trial = origin.copy()
+            trial[[first + axis, first + dim + axis]] = place, np.log(width)
+            trial[axis] += np.log(factor)
+            reached = value(trial)
+            if reached > highest:
+                best, highest = trial, reached
     return best
 
 

@@ -19,7 +19,8 @@ from mebo_grasp.optimization.surrogate.kernels import Kernel, LogNormalPrior
 _EDGE = 1e-4
 """Inputs are drawn in by this share of the side: the warp's slope may be infinite on the border."""
 WARP_SD, WARP_BOUND = 0.75, 2.5
-STRETCH_PLACE_SD, STRETCH_SD, STRETCH_NARROWEST = 0.4, 1.5, 3e-3
+STRETCH_PLACES, STRETCH_PLACE_SD = (-0.25, 1.25), 0.4
+STRETCH_SD, STRETCH_NARROWEST = 1.5, 3e-3
 
 
 class InputMap(Protocol):
@@ -43,6 +44,13 @@ class InputMap(Protocol):
 
     def inverse(self, V: FloatArray, phi: FloatArray) -> FloatArray:
         """Points, shape (m, d), that are mapped to V; they may lie outside the cube."""
+
+
+class Warp(InputMap, Protocol):
+    """A map that acts on each dimension alone."""
+
+    def identity(self, dim: int) -> FloatArray:
+        """Parameters that change next to nothing, shape (k,) for ``dim`` dimensions."""
 
 
 @dataclass(frozen=True)
@@ -118,8 +126,9 @@ class StretchWarp:
 
     def prior(self, dim: int) -> LogNormalPrior:
         """Places anywhere in the cube and a little beyond; widths around the side, near the identity."""
-        places = np.ones(dim)
-        where = LogNormalPrior(0.5 * places, STRETCH_PLACE_SD * places, -0.25 * places, 1.25 * places)
+        ones = np.ones(dim)
+        first, last = STRETCH_PLACES
+        where = LogNormalPrior(0.5 * ones, STRETCH_PLACE_SD * ones, first * ones, last * ones)
         return where + LogNormalPrior.repeated(dim, 1.0, STRETCH_SD, STRETCH_NARROWEST, 10.0)
 
     @staticmethod
