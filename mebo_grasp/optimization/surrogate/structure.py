@@ -2,11 +2,12 @@
 
 The family is {Matérn 5/2 ARD, squared exponential ARD, additive Matérn 5/2, additive squared exponential,
 additive squared exponential + Matérn 5/2 ARD} × {no warp, Kumaraswamy warp} (no warp above three dimensions), in two
-dimensions the additive ones also along turned axes × {no warp, stretch}. A member's worth is the Laplace approximation of its log
-evidence: the posterior density at its best hyperparameters, less half a nat for each e-fold by which the data
-narrow a parameter's variance. All members are learned when the number of values has grown
-by a fixed factor (with many values, those that have fallen far behind are only refreshed then), and in between
-only those that are believed. As long as the evidence does not decide, several are: each with its share of the evidence.
+dimensions the additive ones also along turned axes × {no warp, stretch}. A member's worth is the Laplace
+approximation of its log evidence: the posterior density at its best hyperparameters, less half a nat for each
+e-fold by which the data narrow a parameter's variance. All members are learned when the number of values has
+grown by a fixed factor (with many values, those that have fallen far behind are only refreshed then), and in
+between only those that are believed. As long as the evidence does not decide, several are: each with its share of
+the evidence.
 
 Where many values equal the lowest and hardly one is better (with more of them ``belief`` models the plateau
 apart), only the coupled Matérn 5/2 is eligible. A squared exponential's functions are analytic, so one with a
