@@ -57,6 +57,9 @@ class ExplorationPlan:
             boltzmann_beta=settings.boltzmann_beta,
             burn_in=settings.burn_in,
             relearn_period=settings.relearn_period,
+            kernel=settings.kernel,
+            warp=settings.warp,
+            learning=settings.learning,
             num_solutions=settings.num_solutions or None,
             min_distance=settings.min_distance or None,
         )
