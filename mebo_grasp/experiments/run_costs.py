@@ -43,8 +43,10 @@ class CostEstimate:
         self._methods.setdefault(job.method, []).append(seconds / expected_seconds(job))
 
     def seconds(self, job: Job) -> float:
-        """By runs of the same method on the same function, else by what the method's, else all runs, took beyond
-        the expected.
+        """What a job will take.
+
+        By runs of the same method on the same function, if there are any; else what is expected, times the factor
+        by which the method's other runs, or all runs, took longer than expected.
         """
         cell = self._cells.get(_cell(job))
         if cell:
