@@ -88,6 +88,7 @@ def test_ctrl_c_keeps_what_was_found_and_the_same_command_resumes(tmp_path: Path
         (["explore", "--object", "unicorn"], "unicorn"),
         (["explore", "--object", "bottle", "--method", "guessing"], "guessing"),
         (["explore", "--budget", "0"], "budget"),
+        (["explore", "--kernel", "evidence", "--learning", "mcmc"], "leave these at their defaults"),
         (["explore", "--hand", "claw"], "claw"),
         (["show", "no/such/folder"], "no/such/folder"),
         (["dance"], "dance"),
