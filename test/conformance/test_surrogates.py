@@ -28,11 +28,9 @@ SAMPLED: dict[str, Any] = {
     "learning": "mcmc",
 }
 PAIRS = [("mebo", choice) for choice in SURROGATES] + [
-    ("bo", {"kernel": "evidence"}),
     ("bo_thompson", SAMPLED),
     ("cl_mebo", SAMPLED),
     ("local_penalization", {"kernel": "evidence"}),
-    ("robot", {"kernel": "evidence"}),
     ("robot", SAMPLED),
     ("constraint_active_search", SAMPLED),
 ]
