@@ -150,8 +150,7 @@ def _start_nodes(nodes: NodeGroup, options: argparse.Namespace, directory: Path,
         "budget": options.budget,
         "initial_points": min(options.initial, options.budget),
         "num_solutions": options.size,
-        # In pose space the optimizer's distance would mix metres and radians; there it keeps its own.
-        "min_distance": options.min_distance if options.space == "position" else 0.0,
+        "min_distance": options.min_distance,
         "run_log": str(directory.resolve() / RUN_LOG),
     }
     archive = {

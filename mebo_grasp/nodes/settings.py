@@ -83,7 +83,10 @@ class OptimizerNodeSettings:
     )
     num_solutions: int = parameter(0, "number of solutions wanted, for methods that use it; 0: free", least=0)
     min_distance: float = parameter(
-        0.0, "least distance of two solutions in the search space's units; 0: free", least=0.0
+        0.0, "least distance of two solutions [m + weighted rad]; 0: free", least=0.0
+    )
+    rotation_weight: float = parameter(
+        0.05, "metres that one radian of rotation counts in the distance of two solutions", least=0.0
     )
     hands: tuple[str, ...] = parameter(
         ("",), "namespaces of the hands; a candidate goes to <hand>/candidate_pose"

@@ -44,7 +44,8 @@ class MethodSettings:
             its code: 0.5).
         relearn_period: iterations from one learning of the hyperparameters to the next (thesis 7.2: 5).
         num_solutions: solutions wanted M, if known.
-        min_distance: Euclidean distance tau at which two solutions count as different, real units.
+        min_distance: distance tau at which two solutions count as different: Euclidean, real units times the
+            space's ``distance_weights``.
         threshold: least value of a good point, for methods that seek all points above one.
         kernel: covariance function, of ``KERNEL_NAMES``; ``evidence`` compares all of them, with and without
             warp, and weighs them by what the data say. For every method with a surrogate but ``basin_search``,
@@ -138,7 +139,7 @@ class Method(Protocol):
         Args:
             observations: what is known.
             size: largest number of points; default ``num_solutions`` of the settings, else the method's own.
-            min_distance: smallest distance between two of them, real units; default that of the settings.
+            min_distance: smallest distance between two of them, see ``MethodSettings``; default that of the settings.
         """
 
     def state(self) -> dict[str, Any]:

@@ -47,7 +47,8 @@ class MethodBase:
             return greedy_diverse_set(
                 observations.U, observations.y, size, DEFAULT_SHARE * np.sqrt(self.space.dim)
             )
-        return greedy_diverse_set(self.space.from_unit(observations.U), observations.y, size, distance)
+        points = self.space.from_unit(observations.U) * self.space.distance_weights
+        return greedy_diverse_set(points, observations.y, size, distance)
 
     def state(self) -> dict[str, Any]:
         """Nothing but the phase."""

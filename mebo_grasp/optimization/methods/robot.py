@@ -74,7 +74,7 @@ class Robot(SurrogateMethod):
     def _metric(self) -> tuple[FloatArray, float]:
         if self.settings.min_distance is None:
             return np.ones(self.space.dim), DEFAULT_SHARE * float(np.sqrt(self.space.dim))
-        return self.space.upper - self.space.lower, self.settings.min_distance
+        return self.space.weighted_sides, self.settings.min_distance
 
     def _centre_indices(self, observations: Observations) -> IndexArray:
         scale, distance = self._metric()
