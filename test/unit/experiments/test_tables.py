@@ -94,6 +94,19 @@ def test_suite_and_strict_and_cost_tables() -> None:
     assert _table("Cost").rows[0] == ("mebo", "2", "4.50", "4.50", "4.50", "20.0")
 
 
+def test_suite_table_says_who_is_ahead() -> None:
+    results = [
+        _result("mebo", "shubert_2d", 0, 9, 18, 1.0),
+        _result("random", "shubert_2d", 0, 9, 18, 1.0),
+        _result("robot", "shubert_2d", 0, 8, 18, 1.0),
+        _result("robot", "cf1_2d", 0, 3, 6, 1.0),
+        _result("mebo", "cf1_2d", 0, 2, 6, 1.0),
+        _result("mebo", "cf2_2d", 0, 0, 8, 1.0),
+    ]
+    ahead = {row[0]: row[-1] for row in _table("The other functions", results).rows}
+    assert ahead == {"shubert_2d": "mebo, random", "cf1_2d": "robot", "cf2_2d": "-"}
+
+
 def test_batch_variance_tables_average_the_runs() -> None:
     results = [
         _result("local_penalization", "branin", 0, 1, 3, 1.0),
