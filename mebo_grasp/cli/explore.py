@@ -31,7 +31,7 @@ from mebo_grasp.optimization.methods.base import (
     WARP_NAMES,
     MethodSettings,
 )
-from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD, METHOD_NAMES
+from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD, METHOD_NAMES, check_method
 from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.occlusion import Box, Occlusion
 
@@ -121,7 +121,8 @@ def _check(options: argparse.Namespace) -> None:
         raise InvalidSettingsError(f"--budget must be at least 1, got {options.budget}")
     if options.method not in METHOD_NAMES:
         raise InvalidSettingsError(f"--method is '{options.method}', known are {', '.join(METHOD_NAMES)}")
-    MethodSettings(kernel=options.kernel, warp=options.warp, learning=options.learning)
+    chosen = MethodSettings(kernel=options.kernel, warp=options.warp, learning=options.learning)
+    check_method(options.method, chosen)
 
 
 def _prepare_directory(options: argparse.Namespace, object_id: str) -> Path:
