@@ -5,17 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from mebo_grasp.experiments import published
+from mebo_grasp.experiments.protocol import BATCH_SIZE, BUDGET, N_INITIAL
 from mebo_grasp.experiments.result_set import Result, ResultSet
 from mebo_grasp.experiments.table import Table, number
 
 
 def thesis_standing_table(results: ResultSet) -> Table | None:
-    """PR and SR of each method that the thesis measured, beside its figure; None without such a run."""
+    """PR and SR of each method that the thesis measured, beside its figure; None without a run by its protocol."""
     rows = [
         row
         for method in published.PRINTED_NAMES
         for function, printed in published.printed_figures(method).items()
-        if (row := _row(method, function, printed, results.pick(method, function))) is not None
+        if (row := _row(method, function, printed, _by_protocol(results, method, function))) is not None
     ]
     if not rows:
         return None
@@ -25,6 +26,12 @@ def thesis_standing_table(results: ResultSet) -> Table | None:
         "deviation over runs by the root of their number)."
     )
     return Table("The thesis's methods against its own figures", header, tuple(rows), note)
+
+
+def _by_protocol(results: ResultSet, method: str, function: str) -> list[Result]:
+    """Runs of as many evaluations as the thesis made; with others its figures have nothing to say."""
+    wanted = {"budget": BUDGET, "n_initial": N_INITIAL, "batch_size": BATCH_SIZE}
+    return [run for run in results.pick(method, function) if wanted.items() <= run["job"].items()]
 
 
 def _row(method: str, function: str, printed: published.Cell, runs: list[Result]) -> tuple[str, ...] | None:

@@ -148,6 +148,12 @@ def test_methods_stand_against_the_thesiss_figures(found: tuple[int, ...], verdi
     assert table.rows[0][-1] == verdict
 
 
+def test_runs_of_another_protocol_do_not_stand_against_the_thesis() -> None:
+    run = _result("mebo", "five_uneven_peak_trap", 0, 1, 2, 1.0)
+    run["job"]["budget"] = 60
+    assert not any(table.title.startswith("The thesis's methods") for table in all_tables([run]))
+
+
 def test_local_penalization_stands_against_gpyopts_row() -> None:
     figures = published.printed_figures("local_penalization")
     assert figures["himmelblau"][:2] == (0.925, 0.7)
