@@ -32,6 +32,7 @@ from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.nodes import qos
 from mebo_grasp.nodes.domain import private_domain
 from mebo_grasp.nodes.processes import NodeGroup, NodeProcess
+from mebo_grasp.nodes.runtime import forget_garbage
 from mebo_grasp.optimization.methods.base import DEFAULT_METHOD
 from mebo_grasp.solutions.archive import SolutionArchive
 from mebo_grasp.solutions.occlusion import Box, Occlusion
@@ -53,6 +54,7 @@ class Bench:
         self.node = Node("bench", context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
+        forget_garbage()
 
     def wait(self, condition: Callable[[], bool], what: str) -> None:
         """Spin until a condition holds."""
