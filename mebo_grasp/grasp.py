@@ -7,6 +7,7 @@ A frame pair stands in the name: ``T_object_tcp`` maps coordinates in the TCP fr
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass, field
 from enum import IntEnum
 
@@ -115,8 +116,10 @@ class Pose:
 
     @property
     def rpy(self) -> FloatArray:
-        """Fixed-axis roll, pitch, yaw, shape (3,), radians."""
-        angles: FloatArray = self.rotation.as_euler("xyz")
+        """Fixed-axis roll, pitch, yaw, shape (3,), radians; at a pitch of 90 degrees the yaw is 0."""
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="Gimbal lock")
+            angles: FloatArray = self.rotation.as_euler("xyz")
         return angles
 
     def inverse(self) -> Pose:
