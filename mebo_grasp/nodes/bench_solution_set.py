@@ -104,14 +104,16 @@ def bench_trials(bench: Bench, count: int, seed: int) -> None:
 
 def bench_node(folder: Path, stored: int, count: int, shapes: int, seed: int) -> None:
     """Start a node on an archive of so many grasps and measure everything."""
-    database = folder / f"bench_{stored}.db"
+    folder = folder / str(stored)
+    folder.mkdir()
+    database = folder / "bench.db"
     in_own_process(fill, database, stored)
     scenes = scenes_of(count, shapes, seed)
     with private_domain() as domain_id, NodeGroup() as nodes:
         start = time.perf_counter()
-        node = NodeProcess(
-            "solution_set_node", {"object": OBJECT, "database": str(database)}, folder, domain_id
-        )
+        # The grasps are of bench_solutions' synthetic hand: it arrives along its own z.
+        parameters = {"object": OBJECT, "database": str(database), "approach_axis": [0.0, 0.0, 1.0]}
+        node = NodeProcess("solution_set_node", parameters, folder, domain_id)
         nodes.start(node)
         bench = Bench(domain_id)
         bench.time_calls(GetSolutionSet, "get_solution_set", [GetSolutionSet.Request()])
