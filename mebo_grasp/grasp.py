@@ -7,6 +7,7 @@ A frame pair stands in the name: ``T_object_tcp`` maps coordinates in the TCP fr
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass, field
 from enum import IntEnum
 
@@ -26,7 +27,8 @@ def _read_only(values: npt.ArrayLike, shape: tuple[int, ...], what: str) -> Floa
     array = np.array(values, dtype=np.float64)
     if array.shape != shape:
         raise InvalidPoseError(f"{what} must have shape {shape}, got {array.shape}")
-    if not np.isfinite(array).all():
+    # For so few numbers faster than numpy, and it is done for each contact of each grasp.
+    if not all(map(math.isfinite, array.ravel().tolist())):
         raise InvalidPoseError(f"{what} must be finite, got {array.tolist()}")
     array.setflags(write=False)
     return array
@@ -114,8 +116,10 @@ class Pose:
 
     @property
     def rpy(self) -> FloatArray:
-        """Fixed-axis roll, pitch, yaw, shape (3,), radians."""
-        angles: FloatArray = self.rotation.as_euler("xyz")
+        """Fixed-axis roll, pitch, yaw, shape (3,), radians; at a pitch of 90 degrees the yaw is 0."""
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="Gimbal lock")
+            angles: FloatArray = self.rotation.as_euler("xyz")
         return angles
 
     def inverse(self) -> Pose:
@@ -160,7 +164,7 @@ class GraspContact:
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", _read_only(self.position, (3,), "contact position"))
         normal = _read_only(self.normal, (3,), "contact normal")
-        if abs(math.sqrt(float(normal @ normal)) - 1.0) > 1e-6:
+        if abs(math.hypot(*normal.tolist()) - 1.0) > 1e-6:
             raise InvalidPoseError(f"contact normal {normal.tolist()} is not of unit length")
         object.__setattr__(self, "normal", normal)
 
