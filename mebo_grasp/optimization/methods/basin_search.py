@@ -29,7 +29,7 @@ from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.search_space import SearchSpace
 from mebo_grasp.optimization.selection import basins
 from mebo_grasp.optimization.selection.basin_views import View, find_candidates, level_of, look, refine
-from mebo_grasp.optimization.selection.local_searches import LocalSearches, rank_of
+from mebo_grasp.optimization.selection.local_searches import EXPLORATION, LocalSearches, rank_of
 from mebo_grasp.optimization.selection.polishing import polish
 from mebo_grasp.optimization.selection.solution_set import DEFAULT_SHARE, slot_values
 from mebo_grasp.optimization.surrogate.belief import Belief, Beliefs, PlateauSurrogate
@@ -87,7 +87,7 @@ class BasinSearch(MethodBase):
             self._proposed += 1
             point = searches.pick(belief, rank, rng)
             if not picks:
-                self._phase = "improvement" if rank == 0 else "solution set"
+                self._phase = {0: "improvement", EXPLORATION: "exploration"}.get(rank, "solution set")
             picks.append(point)
             belief = belief.condition_on(point[None])
         return np.stack(picks)

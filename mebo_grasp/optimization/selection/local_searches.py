@@ -31,12 +31,19 @@ PATIENCE = 8
 """Trials near a centre that do not improve on it, after which its box takes the next length."""
 BEST_PERIOD = 4
 """At least one trial in this many goes to the best point of all, however many are wanted."""
+EXPLORATION_PERIOD = 6
+"""One trial in this many is an exploration: it belongs to none of the best diverse points."""
+EXPLORATION = -1
 LONGEST_SCALE = 4.0
 """Lengthscales beyond this stand for dimensions without influence; they must not stretch the box without end."""
 
 
 def rank_of(turn: int, size: int) -> int:
-    """Which of ``size`` searches has this turn, counted from 0: the best's comes round at least every fourth time."""
+    """Which of ``size`` searches has this turn, counted from 0, or ``EXPLORATION``."""
+    rounds, place = divmod(turn, EXPLORATION_PERIOD)
+    if place == EXPLORATION_PERIOD - 1:
+        return EXPLORATION
+    turn -= rounds
     period = min(BEST_PERIOD, size)
     rounds, place = divmod(turn, period)
     if place == 0:
@@ -70,14 +77,21 @@ class LocalSearches:
         kept = greedy_diverse_set(self.U * self.sides, self.y, self.size, self.min_distance)
         return kept[self.y[kept] > self.floor]
 
-    def box(self, rank: int, lengthscales: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def box(
+        self, rank: int, lengthscales: FloatArray, rng: np.random.Generator
+    ) -> tuple[FloatArray, FloatArray]:
         """Corners of a search's box, shape (d,) each; the whole cube while fewer points are found.
 
+        An exploration's box lies around any point off the plateau that is diverse from all centres.
+
         Args:
-            rank: which search, 0 that of the best point.
+            rank: which search, 0 that of the best point, or ``EXPLORATION``.
             lengthscales: of the surrogate, shape (d,); the box is longer where the function varies less.
+            rng: source of randomness.
         """
-        if rank >= len(self.centres):
+        if rank == EXPLORATION and len(self._others):
+            return TrustRegion(LENGTHS[0]).box(self.U[rng.choice(self._others)], lengthscales)
+        if rank == EXPLORATION or rank >= len(self.centres):
             return np.zeros(len(self.sides)), np.ones(len(self.sides))
         length = LENGTHS[self._idle_trials[rank] // PATIENCE % len(LENGTHS)]
         return TrustRegion(length).box(self.U[self.centres[rank]], lengthscales)
@@ -89,28 +103,37 @@ class LocalSearches:
         later = np.arange(len(self.U)) > self.centres[nearest]
         return np.bincount(nearest[later], minlength=len(self.centres))
 
-    def incumbents(self, points: FloatArray) -> FloatArray:
-        """Value that each point, shape (m, d), has to exceed to improve the diverse set, shape (m,)."""
-        return slot_values(
-            self.U * self.sides, self.y, points * self.sides, self.size, self.min_distance
-        )
+    @cached_property
+    def _others(self) -> npt.NDArray[np.int64]:
+        """Indices of the points off the plateau that are diverse from all centres."""
+        off = np.flatnonzero(self.y > self.floor)
+        gaps = cdist(self.U[off] * self.sides, self.U[self.centres] * self.sides)
+        return off[np.all(gaps >= self.min_distance, axis=1)]
+
+    def incumbents(self, points: FloatArray, rank: int) -> FloatArray:
+        """Value that each point, shape (m, d), has to exceed to be of use, shape (m,).
+
+        A search is to improve the diverse set; an exploration whatever was found near the point, however low.
+        """
+        size = self.size if rank != EXPLORATION else len(self.y) + 1
+        return slot_values(self.U * self.sides, self.y, points * self.sides, size, self.min_distance)
 
     def pick(self, belief: Belief, rank: int, rng: np.random.Generator) -> FloatArray:
-        """The point with the highest expected gain of the diverse set in a search's box, shape (d,).
+        """The point in a search's box with the highest expected improvement on its incumbent, shape (d,).
 
         Args:
             belief: what is believed, open trials included.
-            rank: which search.
+            rank: which search, or ``EXPLORATION``.
             rng: source of randomness.
         """
         lengthscales = np.exp(belief.value.hyperparameters.theta[: belief.dim])
-        lower, upper = self.box(rank, np.minimum(lengthscales, LONGEST_SCALE))
+        lower, upper = self.box(rank, np.minimum(lengthscales, LONGEST_SCALE), rng)
         points = lower + (upper - lower) * sobol(NET_SIZE, belief.dim, rng)
-        own = self.incumbents(points)
+        own = self.incumbents(points, rank)
         mean, sd = belief.predict(points)
         value = np.log(sd) + log_normalized_improvement((mean - own) / sd) + belief.log_chances(points)
         best = int(np.argmax(value))
         refined = refine(belief, points[best], float(own[best]), None, (lower, upper))
         # The climb knows one incumbent only. Where it has left that one's neighbourhood, it may have gained nothing.
-        stayed = self.incumbents(refined[None])[0] <= own[best]
+        stayed = self.incumbents(refined[None], rank)[0] <= own[best]
         return refined if stayed else points[best]
