@@ -72,25 +72,31 @@ class LocalSearches:
     min_distance: float
 
     @cached_property
+    def _diverse(self) -> npt.NDArray[np.int64]:
+        """Indices of all diverse points off the plateau, best first."""
+        off = np.flatnonzero(self.y > self.floor)
+        return off[greedy_diverse_set(self.U[off] * self.sides, self.y[off], None, self.min_distance)]
+
+    @property
     def centres(self) -> npt.NDArray[np.int64]:
-        """Indices of the greedy diverse set, best first, as many of ``size`` as lie off the plateau."""
-        kept = greedy_diverse_set(self.U * self.sides, self.y, self.size, self.min_distance)
-        return kept[self.y[kept] > self.floor]
+        """Indices of the best diverse points, as many of ``size`` as lie off the plateau, best first."""
+        return self._diverse[: self.size]
 
     def box(
         self, rank: int, lengthscales: FloatArray, rng: np.random.Generator
     ) -> tuple[FloatArray, FloatArray]:
         """Corners of a search's box, shape (d,) each; the whole cube while fewer points are found.
 
-        An exploration's box lies around any point off the plateau that is diverse from all centres.
+        An exploration's box lies around any further diverse point.
 
         Args:
             rank: which search, 0 that of the best point, or ``EXPLORATION``.
             lengthscales: of the surrogate, shape (d,); the box is longer where the function varies less.
             rng: source of randomness.
         """
-        if rank == EXPLORATION and len(self._others):
-            return TrustRegion(LENGTHS[0]).box(self.U[rng.choice(self._others)], lengthscales)
+        others = self._diverse[self.size :]
+        if rank == EXPLORATION and len(others):
+            return TrustRegion(LENGTHS[0]).box(self.U[rng.choice(others)], lengthscales)
         if rank == EXPLORATION or rank >= len(self.centres):
             return np.zeros(len(self.sides)), np.ones(len(self.sides))
         length = LENGTHS[self._idle_trials[rank] // PATIENCE % len(LENGTHS)]
@@ -102,13 +108,6 @@ class LocalSearches:
         nearest = np.argmin(cdist(self.U * self.sides, self.U[self.centres] * self.sides), axis=1)
         later = np.arange(len(self.U)) > self.centres[nearest]
         return np.bincount(nearest[later], minlength=len(self.centres))
-
-    @cached_property
-    def _others(self) -> npt.NDArray[np.int64]:
-        """Indices of the points off the plateau that are diverse from all centres."""
-        off = np.flatnonzero(self.y > self.floor)
-        gaps = cdist(self.U[off] * self.sides, self.U[self.centres] * self.sides)
-        return off[np.all(gaps >= self.min_distance, axis=1)]
 
     def incumbents(self, points: FloatArray, rank: int) -> FloatArray:
         """Value that each point, shape (m, d), has to exceed to be of use, shape (m,).
