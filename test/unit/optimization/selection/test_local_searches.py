@@ -3,12 +3,20 @@
 import numpy as np
 import pytest
 
-from mebo_grasp.optimization.selection.local_searches import LENGTHS, PATIENCE, LocalSearches, rank_of
+from mebo_grasp.optimization.selection.local_searches import (
+    EXPLORATION,
+    EXPLORATION_PERIOD,
+    LENGTHS,
+    PATIENCE,
+    LocalSearches,
+    rank_of,
+)
 from mebo_grasp.optimization.surrogate.belief import PlateauSurrogate
 
 SIDES = np.ones(2)
 FLAT = np.full(2, 0.5)
 """Lengthscales that leave a box square."""
+RNG = np.random.default_rng(0)
 
 
 def searches(points, values, size=2, sides=SIDES, distance=0.3):
@@ -17,8 +25,11 @@ def searches(points, values, size=2, sides=SIDES, distance=0.3):
 
 @pytest.mark.parametrize("size", [1, 2, 3, 4, 7, 20])
 def test_every_search_has_its_turn_and_the_best_has_at_least_every_fourth(size):
-    turns = [rank_of(turn, size) for turn in range(12 * size)]
-    assert turns[:size] == list(range(size)) if size <= 4 else set(turns) == set(range(size))
+    turns = [rank_of(turn, size) for turn in range(60 * size)]
+    assert turns.count(EXPLORATION) == len(turns) / EXPLORATION_PERIOD
+    assert turns[EXPLORATION_PERIOD - 1] == EXPLORATION
+    turns = [rank for rank in turns if rank != EXPLORATION]
+    assert set(turns) == set(range(size))
     assert turns.count(0) >= len(turns) / 4
     others = [turns.count(rank) for rank in range(1, size)]
     assert not others or max(others) - min(others) <= 1
@@ -38,8 +49,8 @@ def test_distance_counts_in_the_weighted_sides():
 def test_box_lies_around_its_centre_and_is_the_cube_while_there_is_none():
     found = searches([[0.3, 0.3], [0.8, 0.7]], [1.0, 2.0], size=3)
     for rank, centre in enumerate(([0.8, 0.7], [0.3, 0.3])):
-        np.testing.assert_allclose(found.box(rank, FLAT), np.clip([np.subtract(centre, 0.2), np.add(centre, 0.2)], 0, 1))
-    np.testing.assert_array_equal(found.box(2, FLAT), [[0.0, 0.0], [1.0, 1.0]])
+        np.testing.assert_allclose(found.box(rank, FLAT, RNG), np.clip([np.subtract(centre, 0.2), np.add(centre, 0.2)], 0, 1))
+    np.testing.assert_array_equal(found.box(2, FLAT, RNG), [[0.0, 0.0], [1.0, 1.0]])
 
 
 def test_box_takes_the_next_length_after_idle_trials_nearest_to_its_centre():
@@ -47,7 +58,7 @@ def test_box_takes_the_next_length_after_idle_trials_nearest_to_its_centre():
 
     def side(idle, rank):
         idle_points = [[0.2 + 0.001 * i, 0.25] for i in range(idle)]
-        low, high = searches(centres + idle_points, values + [0.5] * idle).box(rank, FLAT)
+        low, high = searches(centres + idle_points, values + [0.5] * idle).box(rank, FLAT, RNG)
         return high[1] - low[1]
 
     assert side(PATIENCE - 1, 0) == pytest.approx(LENGTHS[0])
@@ -59,8 +70,24 @@ def test_box_takes_the_next_length_after_idle_trials_nearest_to_its_centre():
 
 def test_trials_from_before_the_centre_was_found_do_not_count():
     early = [[0.2, 0.2 + 0.001 * i] for i in range(PATIENCE)]
-    low, high = searches([*early, [0.2, 0.25]], [0.5] * PATIENCE + [2.0], size=1).box(0, FLAT)
+    low, high = searches([*early, [0.2, 0.25]], [0.5] * PATIENCE + [2.0], size=1).box(0, FLAT, RNG)
     assert high[0] - low[0] == pytest.approx(LENGTHS[0])
+
+
+def test_exploration_lies_around_a_further_diverse_point():
+    points = [[0.5, 0.9], [0.1, 0.1], [0.12, 0.1], [0.9, 0.3], [0.5, 0.5]]
+    found = searches(points, [0.0, 3.0, 2.0, 1.0, 2.5])
+    assert found.centres.tolist() == [1, 4]
+    np.testing.assert_allclose(found.box(EXPLORATION, FLAT, RNG), [[0.7, 0.1], [1.0, 0.5]])
+    without = searches(points[:3], [0.0, 3.0, 2.0])
+    np.testing.assert_array_equal(without.box(EXPLORATION, FLAT, RNG), [[0.0, 0.0], [1.0, 1.0]])
+
+
+def test_incumbent_of_an_exploration_is_the_best_nearby_however_low():
+    found = searches([[0.1, 0.1], [0.9, 0.9], [0.5, 0.5], [0.9, 0.1]], [3.0, 2.0, 0.5, 0.0])
+    points = np.array([[0.15, 0.1], [0.5, 0.55], [0.9, 0.15]])
+    assert found.incumbents(points, 0).tolist() == [3.0, 2.0, 2.0]
+    assert found.incumbents(points, EXPLORATION).tolist() == [3.0, 0.5, 0.0]
 
 
 def hills(U):
@@ -75,7 +102,7 @@ def test_each_search_climbs_its_own_hill(rank, summit):
     y = hills(U)
     belief = PlateauSurrogate(2).update(U, y, np.random.default_rng(0)).best
     found = LocalSearches(U, y, belief.floor, SIDES, 2, 0.3)
-    low, high = found.box(rank, np.exp(belief.value.hyperparameters.theta[:2]))
+    low, high = found.box(rank, np.exp(belief.value.hyperparameters.theta[:2]), RNG)
     point = found.pick(belief, rank, np.random.default_rng(1))
     assert np.all((low <= point) & (point <= high))
     assert np.linalg.norm(point - summit) < 0.1
