@@ -48,7 +48,8 @@ def test_bad_boxes_are_refused(names, lower, upper, units, message):
 
 
 def test_distances_count_by_their_weights():
-    space = SearchSpace(("x", "roll"), np.array([0.0, -1.0]), np.array([0.2, 1.0]), distance_weights=np.array([1.0, 0.05]))
+    lower, upper, weights = np.array([0.0, -1.0]), np.array([0.2, 1.0]), np.array([1.0, 0.05])
+    space = SearchSpace(("x", "roll"), lower, upper, distance_weights=weights)
     np.testing.assert_allclose(space.weighted_sides, [0.2, 0.1])
     np.testing.assert_array_equal(SPACE.weighted_sides, SPACE.upper - SPACE.lower)
 

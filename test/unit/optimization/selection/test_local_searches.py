@@ -49,7 +49,8 @@ def test_distance_counts_in_the_weighted_sides():
 def test_box_lies_around_its_centre_and_is_the_cube_while_there_is_none():
     found = searches([[0.3, 0.3], [0.8, 0.7]], [1.0, 2.0], size=3)
     for rank, centre in enumerate(([0.8, 0.7], [0.3, 0.3])):
-        np.testing.assert_allclose(found.box(rank, FLAT, RNG), np.clip([np.subtract(centre, 0.2), np.add(centre, 0.2)], 0, 1))
+        corners = np.clip([np.subtract(centre, 0.2), np.add(centre, 0.2)], 0.0, 1.0)
+        np.testing.assert_allclose(found.box(rank, FLAT, RNG), corners)
     np.testing.assert_array_equal(found.box(2, FLAT, RNG), [[0.0, 0.0], [1.0, 1.0]])
 
 
