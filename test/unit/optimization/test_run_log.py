@@ -55,6 +55,17 @@ def test_two_runs_of_one_seed_write_the_same_bytes(tmp_path):
     assert full_run(tmp_path / "a.jsonl") == full_run(tmp_path / "b.jsonl")
 
 
+def test_distance_weights_are_kept_and_logs_without_them_still_resume(tmp_path):
+    space = SearchSpace(("x", "roll"), np.zeros(2), np.ones(2), ("m", "rad"), np.array([1.0, 0.05]))
+    path = tmp_path / "run.jsonl"
+    LoggedOptimizer.create(path, space, "random", OptimizerSettings(budget=4, n_initial=2), 0).close()
+    assert resume(path).space.distance_weights.tolist() == [1.0, 0.05]
+    header = json.loads(path.read_text())
+    del header["space"]["distance_weights"]
+    path.write_text(json.dumps(header) + "\n")
+    assert resume(path).space.distance_weights.tolist() == [1.0, 1.0]
+
+
 def test_foreign_observations_are_part_of_the_trace(tmp_path):
     path = tmp_path / "run.jsonl"
     settings = OptimizerSettings(budget=12, n_initial=3, burn_in=20)
