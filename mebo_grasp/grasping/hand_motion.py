@@ -70,12 +70,12 @@ HandPoses: TypeAlias = Any
 """A record of ``POSES_TYPE``."""
 
 
-def new_poses() -> HandPoses:
-    """Allocate the poses of a hand."""
+def new_poses() -> npt.NDArray[np.void]:
+    """Allocate the poses of a hand: an array of one ``HandPoses``."""
     poses = np.zeros(1, POSES_TYPE)
     for name in ("T", "group", "trial"):
         poses[name][0] = np.eye(4)
-    return poses[0]
+    return poses
 
 
 @njit(cache=True)
@@ -367,7 +367,7 @@ def self_gap_of_finger(hand: HandArrays, poses: HandPoses, f: int, first: int, t
 
 def exempt_touching_pairs(hand: HandArrays) -> None:
     """Exempt pairs of links that touch in the open hand from the test of the hand against itself."""
-    poses = new_poses()
+    poses = new_poses()[0]
     place_hand(hand, poses, np.eye(4))
     touching = set()
     for shape in range(int(hand["shapes"])):

@@ -74,11 +74,6 @@ ClosingState: TypeAlias = Any
 """A record of ``STATE_TYPE``."""
 
 
-def new_state() -> ClosingState:
-    """Allocate the state."""
-    return np.zeros(1, STATE_TYPE)[0]
-
-
 @njit(cache=True)
 def _gap_after(
     hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses,
