@@ -181,9 +181,10 @@ class GraspContact:
         """
         points = _read_only(positions, (len(links), 3), "contact positions")
         directions = _read_only(normals, (len(links), 3), "contact normals")
-        if np.any(np.abs(np.sqrt(np.einsum("ij,ij->i", directions, directions)) - 1.0) > 1e-6):
-            raise InvalidPoseError(f"contact normals {directions.tolist()} are not all of unit length")
         contacts = []
+        for x, y, z in directions.tolist():
+            if abs(math.sqrt(x * x + y * y + z * z) - 1.0) > 1e-6:
+                raise InvalidPoseError(f"contact normal {[x, y, z]} is not of unit length")
         for link, point, direction in zip(links, points, directions, strict=True):
             contact = object.__new__(cls)
             contact.__dict__.update(link=link, position=point, normal=direction)

@@ -50,7 +50,8 @@ class GraspSimulator:
         self._rule = ClosingRule(self.settings.step, self.settings.gap_tolerance, self.settings.whole_finger)
         self._tree = build_tree(np.array(surface.triangles, dtype=np.float64))
         self._world: BulletWorld | None = None
-        self._take_preshape(hand.preshape)
+        self._open_hand = hand.preshape
+        self._take_preshape(self._open_hand)
         self._chosen = ChosenMetric(target, hand, self.settings)
 
     def _take_preshape(self, preshape: HandPosture) -> None:
@@ -71,6 +72,7 @@ class GraspSimulator:
             self._arrays, self._layout, self._field, self._engine, self._world, self._rule, self.settings
         )
         self._preshape = preshape
+        self._places = [[preshape.names.index(name) for name in joints] for joints in self._layout.joints]
 
     def trial(self, T_object_tcp: Pose, preshape: HandPosture | None = None) -> Grasp:
         """Execute one trial.
@@ -88,8 +90,8 @@ class GraspSimulator:
             InvalidHandError: the preshape names a joint that the hand has not, or puts one beyond its limits.
         """
         begun = time.perf_counter()
-        posture = self.hand.posture(preshape)
-        if posture != self._preshape:
+        posture = self._open_hand if preshape is None else self.hand.posture(preshape)
+        if posture is not self._preshape and posture != self._preshape:
             self._take_preshape(posture)
         touching = self._runner.run(T_object_tcp.matrix)
         self._raise_pending()
@@ -181,10 +183,11 @@ class GraspSimulator:
     def _posture(self, outcome: GraspOutcome) -> HandPosture:
         if outcome is GraspOutcome.COLLISION:
             return self._preshape
-        values = dict(zip(self._preshape.names, self._preshape.positions, strict=True))
-        for joints, angles in zip(self._layout.joints, self._runner.poses["joints"].tolist(), strict=False):
-            values.update(zip(joints, angles, strict=False))
-        return HandPosture(tuple(values), tuple(values.values()))
+        positions = list(self._preshape.positions)
+        for places, angles in zip(self._places, self._runner.poses["joints"].tolist(), strict=False):
+            for place, angle in zip(places, angles, strict=False):
+                positions[place] = angle
+        return HandPosture(self._preshape.names, tuple(positions))
 
     def _grasp(
         self, T_object_tcp: Pose, outcome: GraspOutcome, contacts: tuple[GraspContact, ...], metrics: GraspMetrics,

@@ -13,7 +13,8 @@ import numpy.typing as npt
 from numba import njit
 
 from mebo_grasp.errors import InvalidSettingsError
-from mebo_grasp.grasping.polytope import hull_volume, origin_distance
+from mebo_grasp.grasping.hull_volume import hull_volume
+from mebo_grasp.grasping.origin_distance import origin_distance
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -35,15 +35,16 @@ def test_postures_reach_the_hand_and_half_a_candidate_is_answered_as_failed(laun
     final = status.wait_for(lambda message: message.state == ExplorationStatus.FINISHED)
     assert (final.evaluations, final.failed) == (BUDGET, 0)
 
+    answers = qualities.wait_for_count(BUDGET)
     sent = {from_time_msg(m.header.stamp): m for m in postures.wait_for_count(BUDGET)}
-    answers = {from_time_msg(m.header.stamp): m for m in qualities.wait_for_count(BUDGET)}
+    asked = {from_time_msg(m.header.stamp): m for m in poses.wait_for_count(BUDGET)}
     settings, hand = TrialSettings(engine="fast"), HandModel.load("icub_left")
     with GraspSimulator(TargetObject.builtin(OBJECT), hand, settings) as simulator:
-        for candidate in poses.wait_for_count(BUDGET):
-            stamp = from_time_msg(candidate.header.stamp)
-            pose, posture = from_pose_stamped_msg(candidate, OBJECT), from_joint_state_msg(sent[stamp])
+        for got in answers:
+            stamp = from_time_msg(got.header.stamp)
+            pose, posture = from_pose_stamped_msg(asked[stamp], OBJECT), from_joint_state_msg(sent[stamp])
             assert posture != hand.preshape
-            expected, got = simulator.trial(pose, posture), answers[stamp]
+            expected = simulator.trial(pose, posture)
             assert (got.outcome, got.quality) == (int(expected.outcome), expected.quality)
             assert list(got.hand_posture.position) == list(expected.hand_posture.positions)
 
