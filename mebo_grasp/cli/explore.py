@@ -20,6 +20,7 @@ from mebo_grasp.grasp import Pose, StampedGrasp
 from mebo_grasp.grasping.facet_space import FACETS
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.rendering import render_grasps
+from mebo_grasp.grasping.synergies import hand_synergies
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.nodes.domain import private_domain
 from mebo_grasp.nodes.exploration_client import ExplorationClient, Standing
@@ -63,6 +64,9 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     _add_surrogate_options(parser)
     parser.add_argument("--space", default="position", choices=sorted(SPACES), help="search space")
     parser.add_argument("--facet", default="+y", choices=FACETS, help="in space facet: what the hand faces (+y)")
+    parser.add_argument(
+        "--synergies", type=int, default=2, help="in space pose_posture: amplitudes searched (default: 2)"
+    )
     parser.add_argument("--budget", type=int, default=250, help="number of trials (default: 250)")
     parser.add_argument("--initial", type=int, default=25, help="of these, initial design (default: 25)")
     parser.add_argument("--seed", type=int, default=1, help="seed of the random generator (default: 1)")
@@ -93,7 +97,7 @@ def run(options: argparse.Namespace) -> int:
     """Explore, report and draw; returns the exit code."""
     target = TargetObject.load(options.object, options.scale)
     hand = HandModel.load(options.hand)
-    _check(options)
+    _check(options, hand)
     if Path(options.object).is_file():
         # The nodes and a later `show` may run elsewhere.
         options.object = str(Path(options.object).resolve())
@@ -115,10 +119,16 @@ def run(options: argparse.Namespace) -> int:
     return 130 if interrupted else 0
 
 
-def _check(options: argparse.Namespace) -> None:
+def _check(options: argparse.Namespace, hand: HandModel) -> None:
     """Refuse what the nodes would refuse, before they are started and a folder is made."""
     if options.budget < 1:
         raise InvalidSettingsError(f"--budget must be at least 1, got {options.budget}")
+    if options.space == "pose_posture":
+        most = hand_synergies(hand).count
+        if not 1 <= options.synergies <= most:
+            raise InvalidSettingsError(
+                f"--synergies is {options.synergies}; hand '{hand.name}' has 1 to {most} to choose from"
+            )
     if options.method not in METHOD_NAMES:
         raise InvalidSettingsError(f"--method is '{options.method}', known are {', '.join(METHOD_NAMES)}")
     chosen = MethodSettings(kernel=options.kernel, warp=options.warp, learning=options.learning)
@@ -143,6 +153,7 @@ def _start_nodes(nodes: NodeGroup, options: argparse.Namespace, directory: Path,
     optimizer = {
         "space": options.space,
         "facet": options.facet,
+        "synergies": options.synergies,
         "method": options.method,
         "kernel": options.kernel,
         "warp": options.warp,
@@ -160,7 +171,8 @@ def _start_nodes(nodes: NodeGroup, options: argparse.Namespace, directory: Path,
         "size": options.size,
         "min_distance": options.min_distance,
     } | hand
-    parameters = (archive, target | hand, target | hand | optimizer)
+    posture = {"expects_posture": options.space == "pose_posture"}
+    parameters = (archive, target | hand | posture, target | hand | optimizer)
     for name, values in zip(NODES, parameters, strict=True):
         nodes.start(NodeProcess(name, values, directory, domain_id))
 

@@ -1,4 +1,7 @@
-"""``optimizer_node``: publishes candidate TCP poses and learns from the grasp qualities that come back."""
+"""``optimizer_node``: publishes candidate TCP poses and learns from the grasp qualities that come back.
+
+In space ``pose_posture`` the posture in which the hand arrives goes out under the same stamp.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +13,15 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from mebo_grasp_interfaces.msg import ExplorationStatus, GraspQuality
 from rclpy.node import Node
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from mebo_grasp.errors import MeboGraspError
 from mebo_grasp.grasp import FloatArray, GraspOutcome, StampedGrasp
 from mebo_grasp.nodes import qos
 from mebo_grasp.nodes.clock import StampSource
-from mebo_grasp.nodes.dispatcher import Dispatcher, DispatchSettings
+from mebo_grasp.nodes.dispatcher import Assignment, Dispatcher, DispatchSettings
 from mebo_grasp.nodes.exploration_plan import make_plan
 from mebo_grasp.nodes.exploration_report import Pace, diagnostics_msg, status_msg
 from mebo_grasp.nodes.optimizer_worker import Event, OptimizerWorker, state_of
@@ -24,7 +29,7 @@ from mebo_grasp.nodes.parameters import declare
 from mebo_grasp.nodes.runtime import guarded, guarded_trigger, run_node
 from mebo_grasp.nodes.settings import OptimizerNodeSettings
 from mebo_grasp.optimization.optimizer import Trial
-from msg_adapters.grasp import from_grasp_quality_msg
+from msg_adapters.grasp import from_grasp_quality_msg, to_joint_state_msg
 from msg_adapters.pose import to_pose_stamped_msg
 from msg_adapters.time import from_time_msg
 
@@ -84,11 +89,15 @@ class OptimizerNode(Node):
             self.get_logger().info(f"resumed {self._settings.run_log}: {self._progress.told} trials are told")
 
     def _advertise(self) -> None:
+        prefixes = {hand: f"{hand}/" if hand else "" for hand in self._settings.hands}
         self._candidates = {
-            hand: self.create_publisher(
-                PoseStamped, f"{hand}/candidate_pose" if hand else "candidate_pose", qos.CANDIDATES
-            )
-            for hand in self._settings.hands
+            hand: self.create_publisher(PoseStamped, f"{prefix}candidate_pose", qos.CANDIDATES)
+            for hand, prefix in prefixes.items()
+        }
+        self._postures = {
+            hand: self.create_publisher(JointState, f"{prefix}candidate_posture", qos.CANDIDATES)
+            for hand, prefix in prefixes.items()
+            if self._plan.with_posture
         }
         self._status = self.create_publisher(ExplorationStatus, "exploration_status", qos.LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -136,14 +145,17 @@ class OptimizerNode(Node):
         stamped: StampedGrasp = from_grasp_quality_msg(message, expected_frame=self._plan.object_id)
         if stamped.grasp.outcome is GraspOutcome.FAILED:
             return
-        x = self._plan.point_of(stamped.grasp.T_object_tcp)
-        if x is None:
+        pose = stamped.grasp.T_object_tcp
+        x = self._plan.point_of(pose)
+        if x is None and not self._plan.with_posture:
             return
         # After a restart the answers to this optimizer's own candidates come under stamps it forgot.
-        open_trial = self._dispatcher.settle(lambda trial: self._same_point(trial.x, x))
+        open_trial = self._dispatcher.settle(
+            lambda trial: self._plan.has_pose(trial.x, pose) if x is None else self._same_point(trial.x, x)
+        )
         if open_trial is not None:
             self._tell(open_trial, message)
-        elif self._is_news(stamped.stamp_ns, x):
+        elif x is not None and self._is_news(stamped.stamp_ns, x):
             self._known_points.append(x)
             self._worker.observe(x, stamped.grasp.quality)
 
@@ -163,12 +175,17 @@ class OptimizerNode(Node):
         """Send what waits, order more when too little is open, and say where things stand."""
         if self._state == ExplorationStatus.EXPLORING:
             for assignment in self._dispatcher.assign(time.monotonic(), self._ready_hands):
-                pose = self._plan.pose_space.to_pose(assignment.trial.x)
-                self._candidates[assignment.hand].publish(
-                    to_pose_stamped_msg(assignment.stamp_ns, self._plan.object_id, pose)
-                )
+                self._send(assignment)
             self._ask_if_needed()
         self._publish_status()
+
+    def _send(self, assignment: Assignment[Trial]) -> None:
+        x, stamp_ns, hand = assignment.trial.x, assignment.stamp_ns, assignment.hand
+        posture = self._plan.posture_of(x)
+        if posture is not None:
+            self._postures[hand].publish(to_joint_state_msg(posture, stamp_ns))
+        pose = self._plan.pose_space.to_pose(x)
+        self._candidates[hand].publish(to_pose_stamped_msg(stamp_ns, self._plan.object_id, pose))
 
     def _ask_if_needed(self) -> None:
         if self._asking or self._progress.exhausted or not self._ready_hands:
@@ -207,7 +224,7 @@ class OptimizerNode(Node):
     @guarded
     def _on_check(self) -> None:
         now_ready = tuple(
-            hand for hand, publisher in self._candidates.items() if publisher.get_subscription_count() > 0
+            hand for hand in self._candidates if all(p.get_subscription_count() > 0 for p in self._publishers_to(hand))
         )
         for hand in set(self._ready_hands) - set(now_ready):
             self.get_logger().warning(f"hand '{hand}' is gone; its trials wait for another")
@@ -218,6 +235,10 @@ class OptimizerNode(Node):
             self.get_logger().warning(f"trial {trial.id} failed: {reason}")
             self._worker.tell_failed(trial.id, reason)
         self._advance()
+
+    def _publishers_to(self, hand: str) -> list[Publisher]:
+        """Return what a hand must listen to before it is given trials."""
+        return [topics[hand] for topics in (self._candidates, self._postures) if hand in topics]
 
     # Orders -------------------------------------------------------------------------------------------
 
@@ -279,7 +300,9 @@ class OptimizerNode(Node):
         if self._state != ExplorationStatus.EXPLORING:
             return ""
         if not self._ready_hands:
-            return f"waiting for a hand on {', '.join(p.topic_name for p in self._candidates.values())}"
+            topics = [p.topic_name for hand in self._candidates for p in self._publishers_to(hand)]
+            hint = " (hand_node with expects_posture: true)" if self._postures else ""
+            return f"waiting for a hand on {', '.join(topics)}{hint}"
         silent = self._dispatcher.silent_hands
         return f"no answer from hand {', '.join(repr(hand) for hand in silent)}" if silent else ""
 
