@@ -115,6 +115,7 @@ def test_methods_run_and_resume_with_sampled_hyperparameters(name, tmp_path):
     for _ in range(5):
         for trial in run_of.ask():
             run_of.tell(trial.id, two_peaks(trial.x))
+    run_of.close()
     again = LoggedOptimizer.resume(tmp_path / "run.jsonl")
     assert [t.x.tolist() for t in again.ask()] == [t.x.tolist() for t in run_of.optimizer.ask()]
 
