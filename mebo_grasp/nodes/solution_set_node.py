@@ -114,6 +114,8 @@ class SolutionSetNode(Node):
         if message.object_id and message.object_id != self._object_id:
             return  # another exploration on the same topic
         trial = from_grasp_quality_msg(message, expected_frame=self._object_id)
+        if trial.stamp_ns == 0:
+            raise InvalidMessageError("a stamp of 0 names no trial: send the header of the candidate back")
         status = self._archive.add(trial)
         if status is AddStatus.DUPLICATE:
             return

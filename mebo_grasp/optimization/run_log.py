@@ -129,6 +129,21 @@ class RunLog:
             )
         return records
 
+    @staticmethod
+    def seed_of(path: str | os.PathLike[str]) -> int | None:
+        """Read the seed of a run; None when it was begun with a generator.
+
+        Raises:
+            RunLogError: the file is absent, or its first line is no record.
+        """
+        target = Path(path)
+        try:
+            with target.open("rb") as stream:
+                seed: int | None = _record(stream.readline(), 0, target).get("seed")
+        except OSError as error:
+            raise RunLogError(f"cannot read the run log {target}: {error}") from error
+        return seed
+
     def write(self, record: dict[str, Any]) -> None:
         """Append one record and hand it to the operating system.
 
