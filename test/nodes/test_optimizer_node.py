@@ -217,6 +217,7 @@ def test_a_full_disk_pauses_the_run_and_resume_goes_on_where_the_log_ends(
         ({"hands": ["left hand"]}, "left hand/candidate_pose"),
         ({"run_log": "/dev/null/run.jsonl"}, "/dev/null"),
         ({"ucb_beta": -1.0}, "ucb_beta"),
+        ({"kernel": "cubic"}, "additive_matern52"),
         ({"lower_bounds": [0.0, 0.0, 0.0]}, "upper_bounds"),
         ({"lower_bounds": [1.0, 1.0, 1.0], "upper_bounds": [0.0, 0.0, 0.0]}, "bound"),
     ],
