@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,7 @@ from mebo_grasp.grasping.posture_space import PosturePoseSpace, pose_posture_spa
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.nodes.settings import OptimizerNodeSettings
 from mebo_grasp.optimization.optimizer import Optimizer, OptimizerSettings
-from mebo_grasp.optimization.run_log import LoggedOptimizer
+from mebo_grasp.optimization.run_log import LoggedOptimizer, RunLog
 from mebo_grasp.optimization.search_space import SearchSpace
 
 SAME_POSE = 1e-6
@@ -87,26 +87,21 @@ class ExplorationPlan:
         path = Path(self.settings.run_log)
         if path.exists() and path.stat().st_size > 0:
             logged = LoggedOptimizer.resume(path)
-            self._check_same_run(logged.optimizer)
+            self._check_same_run(logged.optimizer, RunLog.seed_of(path))
             return logged
         # A process killed while it created the file leaves an empty one: there is nothing to resume.
         path.unlink(missing_ok=True)
         path.parent.mkdir(parents=True, exist_ok=True)
         return LoggedOptimizer.create(path, self.search_space, method, self.optimizer_settings, seed)
 
-    def _check_same_run(self, optimizer: Optimizer) -> None:
-        space = self.search_space
+    def _check_same_run(self, optimizer: Optimizer, seed: int | None) -> None:
+        seed = self.settings.seed if seed is None else seed
+        logged = _identity(seed, optimizer.method.name, optimizer.settings, optimizer.space)
+        asked = _identity(self.settings.seed, self.settings.method, self.optimizer_settings, self.search_space)
         differences = [
-            what
-            for what, same in (
-                ("method", optimizer.method.name == self.settings.method),
-                ("settings", optimizer.settings == self.optimizer_settings),
-                ("space", optimizer.space.names == space.names),
-                ("lower_bounds", np.array_equal(optimizer.space.lower, space.lower)),
-                ("upper_bounds", np.array_equal(optimizer.space.upper, space.upper)),
-                ("rotation_weight", np.array_equal(optimizer.space.distance_weights, space.distance_weights)),
-            )
-            if not same
+            f"{name} ({value} in the log, {asked[name]} now)"
+            for name, value in logged.items()
+            if value != asked[name]
         ]
         if differences:
             raise RunLogError(
@@ -144,6 +139,21 @@ class ExplorationPlan:
         difference = self.pose_space.to_pose(x).inverse() @ pose
         moved = max(np.linalg.norm(difference.position), difference.rotation.magnitude())
         return bool(moved < SAME_POSE)
+
+
+def _identity(
+    seed: int, method: str, settings: OptimizerSettings, space: SearchSpace
+) -> dict[str, object]:
+    """Return by name what two runs must have in common to be one."""
+    return {
+        "method": method,
+        "seed": seed,
+        **asdict(settings),
+        "space": list(space.names),
+        "lower_bounds": space.lower.tolist(),
+        "upper_bounds": space.upper.tolist(),
+        "rotation_weight": space.distance_weights.tolist(),
+    }
 
 
 def make_plan(settings: OptimizerNodeSettings) -> ExplorationPlan:

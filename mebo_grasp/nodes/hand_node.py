@@ -24,7 +24,7 @@ from mebo_grasp.grasping.target_object import ConcaveShape, TargetObject
 from mebo_grasp.grasping.trial import ContactModel, EngineName, QualityName, TrialSettings
 from mebo_grasp.nodes import markers, qos
 from mebo_grasp.nodes.candidate_pairs import CandidatePairs
-from mebo_grasp.nodes.clock import StampSource
+from mebo_grasp.nodes.clock import StampSource, random_offset
 from mebo_grasp.nodes.parameters import declare
 from mebo_grasp.nodes.runtime import guarded, run_node
 from mebo_grasp.nodes.settings import HandNodeSettings
@@ -58,7 +58,7 @@ class HandNode(Node):
                 engine=cast(EngineName, settings.engine),
             ),
         )
-        self._next_stamp = StampSource(lambda: self.get_clock().now().nanoseconds)
+        self._next_stamp = StampSource(lambda: self.get_clock().now().nanoseconds, offset_ns=random_offset())
         self._marker_period = 1.0 / settings.marker_rate if settings.marker_rate > 0 else float("inf")
         self._markers_due = 0.0
         self._warm_up()
@@ -77,6 +77,7 @@ class HandNode(Node):
     def _warm_up(self) -> None:
         # What compiles or is built at its first use does so before the first candidate can come: later it
         # would look like a silent hand.
+        self.get_logger().info("preparing; a first start compiles, which takes minutes")
         start = time.perf_counter()
         space = position_space(self._target, self._hand)
         self._simulator.trial(space.to_pose((space.lower + space.upper) / 2.0))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Sequence
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -17,16 +18,16 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from mebo_grasp.errors import MeboGraspError
+from mebo_grasp.errors import MeboGraspError, RunLogError
 from mebo_grasp.grasp import FloatArray, GraspOutcome, StampedGrasp
 from mebo_grasp.nodes import qos
-from mebo_grasp.nodes.clock import StampSource
+from mebo_grasp.nodes.clock import StampSource, random_offset
 from mebo_grasp.nodes.dispatcher import Assignment, Dispatcher, DispatchSettings
 from mebo_grasp.nodes.exploration_plan import make_plan
 from mebo_grasp.nodes.exploration_report import Pace, diagnostics_msg, status_msg
 from mebo_grasp.nodes.optimizer_worker import Event, OptimizerWorker, state_of
 from mebo_grasp.nodes.parameters import declare
-from mebo_grasp.nodes.runtime import guarded, guarded_trigger, run_node
+from mebo_grasp.nodes.runtime import STEADY_CLOCK, guarded, guarded_trigger, run_node
 from mebo_grasp.nodes.settings import OptimizerNodeSettings
 from mebo_grasp.optimization.optimizer import Trial
 from msg_adapters.grasp import from_grasp_quality_msg, to_joint_state_msg
@@ -66,9 +67,10 @@ class OptimizerNode(Node):
             timeout=self._settings.trial_timeout,
             max_attempts=self._settings.max_attempts,
         )
-        self._next_stamp = StampSource(lambda: self.get_clock().now().nanoseconds)
+        self._next_stamp = StampSource(lambda: self.get_clock().now().nanoseconds, offset_ns=random_offset())
         self._dispatcher: Dispatcher[Trial] = Dispatcher(dispatch, self._next_stamp)
         self._ready_hands: tuple[str, ...] = ()
+        self._note_said = ""
         self._state = ExplorationStatus.EXPLORING if self._settings.autostart else ExplorationStatus.IDLE
         self._wake = self.create_guard_condition(self._on_worker_event)
         self._begin_run()
@@ -77,12 +79,13 @@ class OptimizerNode(Node):
     def _begin_run(self) -> None:
         optimizer = self._plan.open_optimizer()
         state = state_of(optimizer)
-        self._known_points = [state.space.from_unit(u) for u in state.observations.taken]
+        self._known_points = state.observations.taken
         self._dispatcher.add(optimizer.pending)
         self._worker = OptimizerWorker(optimizer, self._wake.trigger)
         self._progress = self._worker.progress
         self._run_began = self._next_stamp()
         self._asking = False
+        self._trouble: Exception | None = None
         self._pace = Pace()
         self._status_due = 0.0
         if self._progress.told:
@@ -106,8 +109,8 @@ class OptimizerNode(Node):
         self.create_service(Trigger, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/resume", self._on_resume)
         self.create_service(Trigger, "~/reset", self._on_reset)
-        self.create_timer(CHECK_PERIOD, self._on_check)
-        self.create_timer(DIAGNOSTICS_PERIOD, self._on_diagnostics)
+        self.create_timer(CHECK_PERIOD, self._on_check, clock=STEADY_CLOCK)
+        self.create_timer(DIAGNOSTICS_PERIOD, self._on_diagnostics, clock=STEADY_CLOCK)
         space = self._plan.search_space
         self.get_logger().info(
             f"exploring '{self._plan.object_id}' with {self._settings.method} in {space.dim} dimensions, "
@@ -156,14 +159,19 @@ class OptimizerNode(Node):
         if open_trial is not None:
             self._tell(open_trial, message)
         elif x is not None and self._is_news(stamped.stamp_ns, x):
-            self._known_points.append(x)
+            self._remember([x])
             self._worker.observe(x, stamped.grasp.quality)
 
     def _is_news(self, stamp_ns: int, x: FloatArray) -> bool:
         # Hands send their old answers to late subscribers: a new run must not begin with those.
         if not self._settings.listen_to_others or stamp_ns < self._run_began:
             return False
-        return not any(self._same_point(known, x) for known in self._known_points)
+        distances = np.abs(self._known_points - self._plan.search_space.to_unit(x))
+        return not bool(np.any(np.max(distances, axis=1) < SAME_POINT))
+
+    def _remember(self, points: Sequence[FloatArray]) -> None:
+        units = [self._plan.search_space.to_unit(x) for x in points]
+        self._known_points = np.vstack([self._known_points, *units])
 
     def _same_point(self, a: FloatArray, b: FloatArray) -> bool:
         space = self._plan.search_space
@@ -207,10 +215,19 @@ class OptimizerNode(Node):
         self._progress = event.progress
         if event.error is not None:
             self.get_logger().error(f"optimizer: {type(event.error).__name__}: {event.error}")
+            # Asking on would spend the budget on trials that are never sent, or that no log tells of.
+            if event.asked or isinstance(event.error, RunLogError):
+                self._halt(event.error)
         if event.asked:
             self._asking = False
-            self._known_points += [trial.x for trial in event.trials]
+            self._remember([trial.x for trial in event.trials])
             self._dispatcher.add(event.trials)
+
+    def _halt(self, error: Exception) -> None:
+        self._trouble = error
+        if self._state == ExplorationStatus.EXPLORING:
+            self._state = ExplorationStatus.PAUSED
+            self._status_due = 0.0
 
     def _finish(self) -> None:
         self._state = ExplorationStatus.FINISHED
@@ -254,6 +271,12 @@ class OptimizerNode(Node):
 
     @guarded_trigger
     def _on_resume(self) -> str:
+        if self._state == ExplorationStatus.PAUSED and isinstance(self._trouble, RunLogError):
+            # The log knows less than the optimizer: go on from what it knows.
+            self._worker.stop()
+            self._dispatcher.clear()
+            self._begin_run()
+        self._trouble = None
         self._change_state("resume", ExplorationStatus.PAUSED, ExplorationStatus.EXPLORING)
         return "exploring"
 
@@ -283,7 +306,11 @@ class OptimizerNode(Node):
         now = time.monotonic()
         if now >= self._status_due:
             self._status_due = now + STATUS_PERIOD
-            self._status.publish(self._status_now())
+            status = self._status_now()
+            self._status.publish(status)
+            if status.message not in ("", self._note_said):
+                self.get_logger().warning(status.message)
+            self._note_said = status.message
 
     def _status_now(self) -> ExplorationStatus:
         return status_msg(
@@ -297,6 +324,8 @@ class OptimizerNode(Node):
         )
 
     def _note(self) -> str:
+        if self._trouble is not None:
+            return f"stopped: {self._trouble}; mend that, then resume"
         if self._state != ExplorationStatus.EXPLORING:
             return ""
         if not self._ready_hands:
