@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 
@@ -167,6 +168,32 @@ class GraspContact:
         if abs(math.hypot(*normal.tolist()) - 1.0) > 1e-6:
             raise InvalidPoseError(f"contact normal {normal.tolist()} is not of unit length")
         object.__setattr__(self, "normal", normal)
+
+    @classmethod
+    def from_rows(
+        cls, links: Sequence[str], positions: npt.ArrayLike, normals: npt.ArrayLike
+    ) -> tuple[GraspContact, ...]:
+        """Build one contact a row, all checked at once: one by one they would cost a trial more than its closing.
+
+        Args:
+            links: names of the hand links.
+            positions: shape (n, 3), metres.
+            normals: unit normals into the object, shape (n, 3).
+
+        Raises:
+            InvalidPoseError: as for a single contact.
+        """
+        points = _read_only(positions, (len(links), 3), "contact positions")
+        directions = _read_only(normals, (len(links), 3), "contact normals")
+        contacts = []
+        for x, y, z in directions.tolist():
+            if abs(math.sqrt(x * x + y * y + z * z) - 1.0) > 1e-6:
+                raise InvalidPoseError(f"contact normal {[x, y, z]} is not of unit length")
+        for link, point, direction in zip(links, points, directions, strict=True):
+            contact = object.__new__(cls)
+            contact.__dict__.update(link=link, position=point, normal=direction)
+            contacts.append(contact)
+        return tuple(contacts)
 
 
 @dataclass(frozen=True)

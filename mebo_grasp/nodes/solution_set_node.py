@@ -26,7 +26,7 @@ from mebo_grasp.hand_volumes import HandVolumes
 from mebo_grasp.nodes import markers, qos
 from mebo_grasp.nodes.known_frames import KnownFrames
 from mebo_grasp.nodes.parameters import declare
-from mebo_grasp.nodes.runtime import guarded, guarded_service, run_node
+from mebo_grasp.nodes.runtime import STEADY_CLOCK, guarded, guarded_service, run_node
 from mebo_grasp.nodes.settings import SolutionSetNodeSettings
 from mebo_grasp.solutions.archive import AddStatus, SolutionArchive
 from mebo_grasp.solutions.best_grasp import BestGraspAnswer, BestGraspQuery
@@ -112,14 +112,16 @@ class SolutionSetNode(Node):
         self.create_service(ResetArchive, "~/reset", self._on_reset)
         self.create_subscription(OcclusionArray, "occlusions", self._on_occlusions, qos.LATCHED)
         self.create_subscription(GraspQuality, "grasp_quality", self._on_quality, qos.QUALITIES)
-        self.create_timer(1.0 / self._settings.publish_rate, self._on_publish_timer)
-        self.create_timer(1.0 / self._settings.marker_rate, self._on_marker_timer)
+        self.create_timer(1.0 / self._settings.publish_rate, self._on_publish_timer, clock=STEADY_CLOCK)
+        self.create_timer(1.0 / self._settings.marker_rate, self._on_marker_timer, clock=STEADY_CLOCK)
 
     @guarded
     def _on_quality(self, message: GraspQuality) -> None:
         if message.object_id and message.object_id != self._object_id:
             return  # another exploration on the same topic
         trial = from_grasp_quality_msg(message, expected_frame=self._object_id)
+        if trial.stamp_ns == 0:
+            raise InvalidMessageError("a stamp of 0 names no trial: send the header of the candidate back")
         status = self._archive.add(trial)
         if status is AddStatus.DUPLICATE:
             return
