@@ -13,7 +13,7 @@ from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.experiments.acquisition_study import STUDY_NAMES
 from mebo_grasp.experiments.peers import PEER_NAMES
 from mebo_grasp.experiments.problems import (
-    BATCH_VARIANCE_FUNCTIONS,
+    CLASSIC_FUNCTIONS,
     Problem,
     get_classic,
     get_problem,
@@ -47,19 +47,31 @@ class Variant:
         method: name in the registry of methods.
         settings: fields of ``MethodSettings`` that differ from the defaults.
         note: what differs, for the tables' legend.
+        of_surrogate: whether the surrogate differs; such variants are a group of their own, not part of ``all``.
     """
 
     method: str
     settings: dict[str, Any] = field(default_factory=dict)
     note: str = ""
+    of_surrogate: bool = False
 
 
+_ON_ACQUISITION = (
+    "Metropolis-Hastings on the acquisition itself, as the thesis's code does, not on exp(beta alpha)"
+)
 VARIANTS: dict[str, Variant] = {
-    "mebo_code": Variant(
-        "mebo",
-        {"proportional_selection": True},
-        "Metropolis-Hastings on the acquisition itself, as the thesis's code does, not on exp(beta alpha)",
+    "mebo_code": Variant("mebo", {"proportional_selection": True}, _ON_ACQUISITION),
+    "e_mebo_code": Variant("e_mebo", {"proportional_selection": True}, _ON_ACQUISITION),
+    "cl_mebo_code": Variant(
+        "cl_mebo",
+        {"proportional_selection": True, "cluster_share": 0.5},
+        f"{_ON_ACQUISITION}, and content with half of M clusters, not three quarters",
     ),
+    "mebo_se": Variant("mebo", {"kernel": "squared_exponential"}, "squared exponential kernel", True),
+    "mebo_additive": Variant("mebo", {"kernel": "additive_matern52"}, "additive Matérn 5/2 kernel", True),
+    "mebo_warped": Variant("mebo", {"warp": "kumaraswamy"}, "inputs warped", True),
+    "mebo_mcmc": Variant("mebo", {"learning": "mcmc"}, "hyperparameters by slice sampling", True),
+    "mebo_evidence": Variant("mebo", {"kernel": "evidence"}, "structure chosen by evidence", True),
 }
 """Variants beside the methods' defaults; a variant whose method is absent is not offered."""
 
@@ -112,7 +124,7 @@ def make_problem(job: Job) -> Problem:
     Raises:
         InvalidSettingsError: the problem is unknown.
     """
-    build = get_classic if job.problem in BATCH_VARIANCE_FUNCTIONS else get_problem
+    build = get_classic if job.problem in CLASSIC_FUNCTIONS else get_problem
     problem = build(job.problem)
     return transform(problem, job.seed) if job.transformed else problem
 
@@ -155,20 +167,26 @@ def known_methods() -> tuple[str, ...]:
     return (*METHOD_NAMES, *variants, *STUDY_NAMES, *PEER_NAMES)
 
 
-def select_methods(names: Iterable[str], default: str, installed_peers: Sequence[str]) -> list[str]:
-    """Expand method names, ``default``, ``all`` and ``peers``, without repeats.
+def select_methods(
+    names: Iterable[str], default: str, installed_peers: Sequence[str], slow_peers: Sequence[str] = ()
+) -> list[str]:
+    """Expand method names, ``default``, ``all``, ``peers`` and ``surrogates``, without repeats.
 
     Args:
         names: what was asked for.
         default: the method that ``default`` stands for.
-        installed_peers: peers that can run here; ``all`` and ``peers`` take these.
+        installed_peers: peers that can run here; ``peers`` takes these.
+        slow_peers: of these, those that ``all`` leaves out.
 
     Raises:
         InvalidSettingsError: a name is unknown.
     """
+    surrogates = tuple(name for name, variant in VARIANTS.items() if variant.of_surrogate)
+    ours = tuple(name for name in known_methods() if name not in (*surrogates, *PEER_NAMES))
     groups = {
-        "all": (*known_methods()[: -len(PEER_NAMES)], *installed_peers),
+        "all": (*ours, *(peer for peer in installed_peers if peer not in slow_peers)),
         "peers": tuple(installed_peers),
+        "surrogates": surrogates,
         "default": (default,),
     }
     chosen: dict[str, None] = {}

@@ -15,7 +15,6 @@ import os
 import signal
 import sys
 import threading
-import time
 import traceback
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -25,13 +24,13 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from mebo_grasp.errors import InvalidSettingsError, MeboGraspError, RunLogError
+from mebo_grasp.experiments.progress import Progress
 from mebo_grasp.experiments.protocol import Job
 from mebo_grasp.experiments.run_job import RESULT_FORMAT, RunStopped, run_job
 
 RESULTS_FILE = "results.jsonl"
 _LOCK_FILE = ".lock"
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-_REPORT_SECONDS = 15.0
 
 Result = dict[str, Any]
 
@@ -117,65 +116,6 @@ def _work(job: Job, out: Path) -> Result:
         return {"kind": "error", "key": job.key, "message": traceback.format_exc()}
 
 
-class Progress:
-    """A line with the share done and the time left, rewritten on a terminal, printed now and then elsewhere.
-
-    Args:
-        total: number of jobs to run.
-        workers: processes side by side.
-        stream: where to write.
-    """
-
-    def __init__(self, total: int, workers: int, stream: TextIO) -> None:
-        self._total, self._workers, self._stream = total, workers, stream
-        self._begin = self._reported = time.monotonic()
-        self._seconds: dict[str, list[float]] = {}
-        self._done = 0
-
-    def finished(self, method: str, seconds: float) -> None:
-        """Count a run of a method that took some wall time."""
-        self._done += 1
-        self._seconds.setdefault(method, []).append(seconds)
-
-    def seconds_left(self, waiting: Sequence[str]) -> float | None:
-        """Estimate from the mean time of each method's runs so far; None before the first run is done.
-
-        Args:
-            waiting: the method of each job that is not done.
-        """
-        if not self._seconds:
-            return None
-        means = {method: sum(times) / len(times) for method, times in self._seconds.items()}
-        overall = sum(means.values()) / len(means)
-        return sum(means.get(method, overall) for method in waiting) / self._workers
-
-    def show(self, waiting: Sequence[str], force: bool = False) -> None:
-        """Write the line if it is due."""
-        now = time.monotonic()
-        if not force and not self._stream.isatty() and now - self._reported < _REPORT_SECONDS:
-            return
-        self._reported = now
-        left = self.seconds_left(waiting)
-        text = (
-            f"{self._done}/{self._total} runs, {_clock(now - self._begin)} elapsed, "
-            f"{'-' if left is None else _clock(left)} left"
-        )
-        self._stream.write(f"\r{text:<60}" if self._stream.isatty() else f"{text}\n")
-        self._stream.flush()
-
-    def close(self) -> None:
-        """End the line on a terminal."""
-        if self._stream.isatty():
-            self._stream.write("\n")
-            self._stream.flush()
-
-
-def _clock(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
-
-
 @contextmanager
 def _sole_user(out: Path) -> Iterator[None]:
     """Hold the folder: two benchmarks that write the same logs would ruin both."""
@@ -251,7 +191,8 @@ def run_jobs(jobs: Sequence[Job], out: Path, workers: int = 1, progress: TextIO 
         to_do = [job for job in jobs if job.key not in known]
         if to_do:
             with _open_results(out) as stream:
-                bar = Progress(len(to_do), workers, progress or sys.stderr)
+                bar = Progress(len(to_do), min(workers, len(to_do)), progress or sys.stderr)
+                bar.announce(to_do)
                 _run_all(to_do, out, workers, stream, bar, known, outcome)
     outcome.results = [known[job.key] for job in jobs if job.key in known]
     return outcome
@@ -303,6 +244,6 @@ def _collect(
             stream.flush()
             known[job.key] = result
         if result["kind"] != "stopped":
-            bar.finished(job.method, float(result.get("wall_seconds", 0.0)))
-    bar.show([futures[future].method for future in rest])
+            bar.finished(job, result.get("wall_seconds"))
+    bar.show([futures[future] for future in rest])
     return rest

@@ -12,10 +12,6 @@ from mebo_grasp.optimization.methods.base import IndexArray, MethodSettings
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.search_space import SearchSpace
 from mebo_grasp.optimization.selection.solution_set import DEFAULT_SHARE, greedy_diverse_set
-from mebo_grasp.optimization.surrogate.empirical_bayes import EmpiricalBayesSurrogate
-from mebo_grasp.optimization.surrogate.kernels import MATERN52, SQUARED_EXPONENTIAL
-from mebo_grasp.optimization.surrogate.marginalized import MarginalizedSurrogate
-from mebo_grasp.optimization.surrogate.posterior import Surrogate
 
 SAME_POINT = 1e-9
 """Points closer than this in every coordinate of the unit cube count as the same point."""
@@ -61,14 +57,6 @@ class MethodBase:
     def restore(self, state: dict[str, Any]) -> None:
         """Continue with the phase of ``state``."""
         self._phase = str(state.get("phase", self.name))
-
-
-def make_surrogate(dim: int, settings: MethodSettings) -> Surrogate:
-    """Build the surrogate that the settings ask for: kernel and way of learning."""
-    kernel = {kernel.name: kernel for kernel in (MATERN52, SQUARED_EXPONENTIAL)}[settings.kernel]
-    if settings.learning == "mcmc":
-        return MarginalizedSurrogate(dim, settings.relearn_period, kernel)
-    return EmpiricalBayesSurrogate(dim, settings.relearn_period, kernel)
 
 
 def without_repeats(

@@ -51,6 +51,17 @@ def test_killed_at_every_line_it_resumes_to_the_same_trace(tmp_path):
         assert path.read_bytes() == content, f"killed after line {kept}"
 
 
+def test_a_log_that_is_being_written_is_not_continued_by_another(tmp_path):
+    path = tmp_path / "run.jsonl"
+    run = LoggedOptimizer.create(path, SPACE, "mebo", OptimizerSettings(budget=8, n_initial=8), 3)
+    content = path.read_bytes()
+    with pytest.raises(RunLogError, match="in use by another process"):
+        LoggedOptimizer.resume(path)
+    assert path.read_bytes() == content
+    run.close()
+    LoggedOptimizer.resume(path).close()
+
+
 def test_two_runs_of_one_seed_write_the_same_bytes(tmp_path):
     assert full_run(tmp_path / "a.jsonl") == full_run(tmp_path / "b.jsonl")
 
