@@ -121,3 +121,7 @@ def bench_engines(trials: int, seed: int) -> None:
         rank = float(spearmanr(*epsilon).statistic)
         print(f"engines on the {name}, {trials} poses: {Target('collision label in %', 97.0).verdict(label)}")
         print(f"  {Target('Spearman of epsilon', 0.9).verdict(rank)}")
+        # A mesh says nothing of Bullet's distances to several convex parts, of which built-in objects consist.
+        for engine, grasps in zip(ENGINES, found, strict=True):
+            print(f"  {engine}:")
+            print_true_gaps(grasps, target, hand, TrialSettings().gap_tolerance)
