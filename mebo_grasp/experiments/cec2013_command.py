@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import TextIO
 
 from mebo_grasp.errors import InvalidSettingsError, MeboGraspError
+from mebo_grasp.experiments.cec2013_objective import Cec2013
+from mebo_grasp.experiments.job import BATCH_SIZE, BUDGET, N_INITIAL, SEEDS, Job, make_jobs
 from mebo_grasp.experiments.peers import PEER_NAMES, installed_peers
 from mebo_grasp.experiments.plots import plot_found_optima
 from mebo_grasp.experiments.problems import (
@@ -18,16 +20,7 @@ from mebo_grasp.experiments.problems import (
     get_problem,
     select_problems,
 )
-from mebo_grasp.experiments.protocol import (
-    BATCH_SIZE,
-    BUDGET,
-    N_INITIAL,
-    SEEDS,
-    Job,
-    known_methods,
-    make_jobs,
-    select_methods,
-)
+from mebo_grasp.experiments.protocol import known_methods, select_methods
 from mebo_grasp.experiments.runner import Outcome, run_jobs
 from mebo_grasp.experiments.tables import ResultSet, all_tables, legend
 from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD
@@ -93,13 +86,15 @@ def plan(args: argparse.Namespace) -> list[Job]:
         raise InvalidSettingsError(f"--batch must be at least 1, got {args.batch}")
     methods = select_methods(args.methods, default_method(), installed_peers())
     problems = [problem.name for problem in select_problems(args.functions)]
-    protocol = {"n_initial": args.initial, "batch_size": args.batch, "transformed": args.transform}
+    protocol = {"n_initial": args.initial, "batch_size": args.batch}
     jobs: list[Job] = []
     for name in problems:
-        jobs += make_jobs(methods, [name], range(args.seeds), budget=_budget(args, name), **protocol)
+        objective = Cec2013(name, args.transform)
+        jobs += make_jobs(methods, [objective], range(args.seeds), budget=_budget(args, name), **protocol)
     if PENALIZATION in methods and set(THESIS_FUNCTIONS) <= set(problems) and not args.transform:
         # Table D.1 belongs to the thesis's set, with functions and a protocol of its own.
-        jobs += make_jobs([PENALIZATION], BATCH_VARIANCE_FUNCTIONS, range(args.seeds), **_BATCH_STUDY)
+        classics = [Cec2013(name) for name in BATCH_VARIANCE_FUNCTIONS]
+        jobs += make_jobs([PENALIZATION], classics, range(args.seeds), **_BATCH_STUDY)
     return sorted(jobs, key=lambda job: job.seed)
 
 
