@@ -16,7 +16,7 @@ from mebo_grasp.experiments.metrics import (
     text_count,
     thesis_score,
 )
-from mebo_grasp.experiments.objective import Evaluator, Objective, Trace, checked_choice
+from mebo_grasp.experiments.objective import Evaluator, Objective, Trace, WantedSet, checked_choice
 from mebo_grasp.experiments.problems import (
     ALL_FUNCTIONS,
     BATCH_VARIANCE_FUNCTIONS,
@@ -87,7 +87,12 @@ class Cec2013(Objective):
         """Make the function of a seed."""
         problem = self.make(seed)
         space = SearchSpace(tuple(f"x{i}" for i in range(problem.dim)), problem.lower, problem.upper)
-        yield Evaluator(space, problem, problem.n_optima, problem.niche_radius)
+        yield Evaluator(space, problem)
+
+    def wanted_set(self, seed: int) -> WantedSet:
+        """All optima, a niche radius apart."""
+        problem = self.make(seed)
+        return WantedSet(problem.n_optima, problem.niche_radius)
 
     def told(self, method: str, seed: int) -> dict[str, Any]:
         """M and tau for the methods that need them: the thesis's, else all optima and half their smallest gap."""

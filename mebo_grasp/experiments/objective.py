@@ -34,14 +34,10 @@ class Evaluator:
         space: the box that is searched.
         function: maps points of shape (n, d), real units, to values of shape (n,); larger is better. A value that is
             not finite says that the trial failed. ``pointwise`` makes one of a function of a single point.
-        set_size: solutions that are wanted; also taken from the trace of an optimizer that returns no set.
-        set_distance: smallest distance between two of them, real units.
     """
 
     space: SearchSpace
     function: BatchFunction
-    set_size: int = 1
-    set_distance: float = 0.0
 
     def __call__(self, X: FloatArray) -> FloatArray:
         """Evaluate points of shape (n, d); returns values of shape (n,), NaN for a failed trial.
@@ -56,6 +52,19 @@ class Evaluator:
             )
         values[~np.isfinite(values)] = math.nan
         return values
+
+
+@dataclass(frozen=True)
+class WantedSet:
+    """The set of solutions that an objective asks for.
+
+    Args:
+        size: M, how many solutions.
+        distance: tau, smallest Euclidean distance between two of them, real units of the space; 0 for any.
+    """
+
+    size: int = 1
+    distance: float = 0.0
 
 
 def pointwise(function: Callable[[FloatArray], float]) -> BatchFunction:
@@ -103,6 +112,13 @@ class Objective(ABC):
         """What its values are measured in; only objectives of one group stand in one table."""
         return ""
 
+    def check(self) -> None:
+        """Refuse settings that are out of range, quickly: it is asked when an experiment is read.
+
+        Raises:
+            InvalidSettingsError: naming the setting, its value and those allowed.
+        """
+
     @abstractmethod
     def open(self, seed: int) -> AbstractContextManager[Evaluator]:
         """Make what evaluates it.
@@ -114,10 +130,18 @@ class Objective(ABC):
             InvalidSettingsError: a setting does not fit.
         """
 
+    def wanted_set(self, seed: int) -> WantedSet:
+        """How many solutions, and how far apart; by default one."""
+        del seed
+        return WantedSet()
+
     def told(self, method: str, seed: int) -> dict[str, Any]:
-        """Fields of ``MethodSettings`` that a method is told of this objective; by default none."""
-        del method, seed
-        return {}
+        """Fields of ``MethodSettings`` that a method is told of this objective; by default the wanted set."""
+        del method
+        wanted = self.wanted_set(seed)
+        if wanted.size < 2:
+            return {}
+        return {"num_solutions": wanted.size, "min_distance": wanted.distance or None}
 
     def describe(self, trace: Trace, seed: int, budget: int) -> dict[str, Any]:
         """Fields of its own, as JSON values, in the result of a finished run."""

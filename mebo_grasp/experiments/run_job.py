@@ -22,7 +22,7 @@ import numpy as np
 from mebo_grasp.errors import InvalidSettingsError, RunLogError
 from mebo_grasp.experiments.acquisition_study import STUDY_NAMES, StudyOptimizer
 from mebo_grasp.experiments.job import Job
-from mebo_grasp.experiments.objective import Evaluator, Trace
+from mebo_grasp.experiments.objective import Evaluator, Trace, WantedSet
 from mebo_grasp.experiments.peers import PEER_NAMES, Peer, make_peer, peer_packages
 from mebo_grasp.experiments.protocol import settings_of
 from mebo_grasp.grasp import FloatArray
@@ -69,7 +69,7 @@ def run_job(job: Job, out: Path, stop: StopCheck = lambda: False) -> dict[str, A
     run = _run_peer if job.method in (*PEER_NAMES, *STUDY_NAMES) else _run_method
     with _sole_writer(path), job.objective.open(job.seed) as evaluator:
         cpu_seconds, resumed, solutions = run(job, evaluator, path, stop)
-        X, y, batches = read_trace(path, evaluator.space.dim)
+        X, y, batches = read_trace(path)
     trace = Trace(X, y, batches, solutions)
     return {
         "kind": "result",
@@ -151,7 +151,7 @@ def _run_peer(job: Job, evaluator: Evaluator, path: Path, stop: StopCheck) -> tu
     if _is_empty_log(path):
         path.unlink()
     resumed, dim = path.exists(), evaluator.space.dim
-    X, y, _ = read_trace(path, dim) if resumed else (np.empty((0, dim)), np.empty(0), [])
+    X, y, _ = read_trace(path) if resumed else (np.empty((0, dim)), np.empty(0), [])
     begin = time.process_time()
     peer = _make_peer(job, evaluator)
     cpu = time.process_time() - begin
@@ -174,7 +174,7 @@ def _run_peer(job: Job, evaluator: Evaluator, path: Path, stop: StopCheck) -> tu
             n += len(batch)
     finally:
         log.close()
-    return cpu, resumed, _peer_solutions(evaluator, path)
+    return cpu, resumed, _peer_solutions(job.objective.wanted_set(job.seed), path)
 
 
 def _answer_peer(
@@ -188,7 +188,7 @@ def _answer_peer(
     """Values of a peer's batch: the logged ones as far as the log goes, evaluated and logged beyond."""
     logged_X, logged_y = logged
     known = len(logged_y)
-    if not np.array_equal(batch[:known], logged_X):
+    if known and not np.array_equal(batch[:known], logged_X):
         raise RunLogError(
             f"{log.path} cannot be continued: the peer asked other points than before at evaluation {first}; "
             "delete the file to run it again"
@@ -207,24 +207,23 @@ def _answer_peer(
     return np.concatenate([logged_y, fresh])
 
 
-def _peer_solutions(evaluator: Evaluator, path: Path) -> FloatArray:
+def _peer_solutions(wanted: WantedSet, path: Path) -> FloatArray:
     """Peers return no set of solutions; the best points that are far enough apart stand for it."""
-    X, y, _ = read_trace(path, evaluator.space.dim)
+    X, y, _ = read_trace(path)
     kept: list[int] = []
     for i in np.argsort(-y, kind="stable"):
-        if len(kept) == evaluator.set_size:
+        if len(kept) == wanted.size:
             break
-        if not kept or np.min(np.linalg.norm(X[kept] - X[i], axis=1)) > evaluator.set_distance:
+        if not kept or np.min(np.linalg.norm(X[kept] - X[i], axis=1)) > wanted.distance:
             kept.append(int(i))
     return X[kept]
 
 
-def read_trace(path: Path, dim: int) -> tuple[FloatArray, FloatArray, list[list[int]]]:
+def read_trace(path: Path) -> tuple[FloatArray, FloatArray, list[list[int]]]:
     """Evaluated points, values and batches of a log, in the order of asking.
 
     Args:
         path: a run log.
-        dim: dimensions of the space.
 
     Returns:
         X of shape (n, d), y of shape (n,) with NaN for failed trials, and for each ask after the
@@ -246,5 +245,6 @@ def read_trace(path: Path, dim: int) -> tuple[FloatArray, FloatArray, list[list[
         elif record["kind"] == "tell_failed":
             values[record["id"]] = float("nan")
     ids = sorted(values)
+    dim = max((len(x) for x in points.values()), default=0)
     X = np.array([points[i] for i in ids], dtype=np.float64).reshape(-1, dim)
     return X, np.array([values[i] for i in ids], dtype=np.float64), batches

@@ -82,7 +82,7 @@ def golden_peer(monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 def _trace(job: Job, out: Path) -> tuple[FloatArray, FloatArray]:
-    X, y, _ = read_trace(job.log_path(out), 2)
+    X, y, _ = read_trace(job.log_path(out))
     return X, y
 
 
@@ -93,7 +93,7 @@ def _trace_of(job: Job, out: Path) -> FloatArray:
 
 def test_a_run_uses_its_budget_and_its_log_holds_the_trace(tmp_path: Path) -> None:
     result = run_job(MEBO, tmp_path)
-    X, y, batches = read_trace(MEBO.log_path(tmp_path), 2)
+    X, y, batches = read_trace(MEBO.log_path(tmp_path))
     assert result["evaluations"] == len(X) == len(y) == 16
     problem = HIMMELBLAU.make(MEBO.seed)
     np.testing.assert_array_equal(y, problem(X))
@@ -145,7 +145,7 @@ def test_the_acquisition_study_runs_and_continues_after_a_cut(tmp_path: Path, na
     job = Job(name, HIMMELBLAU, 1, **SMALL)
     whole = run_job(job, tmp_path)
     before = _trace(job, tmp_path)
-    batches = read_trace(job.log_path(tmp_path), 2)[2]
+    batches = read_trace(job.log_path(tmp_path))[2]
     assert batches == [[7, 8, 9], [10, 11, 12], [13, 14, 15]]
     path = job.log_path(tmp_path)
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
@@ -290,7 +290,7 @@ def _wait_for_tells(out: Path, count: int) -> None:
 
 
 def _traces(out: Path) -> dict[str, list[list[float]]]:
-    return {path.name: read_trace(path, 2)[0].tolist() for path in sorted(out.rglob("seed-*.jsonl"))}
+    return {path.name: read_trace(path)[0].tolist() for path in sorted(out.rglob("seed-*.jsonl"))}
 
 
 @pytest.mark.slow

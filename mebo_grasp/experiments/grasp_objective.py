@@ -1,0 +1,204 @@
+"""Grasps of an object by a simulated hand, as an objective."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from mebo_grasp.errors import InvalidSettingsError
+from mebo_grasp.experiments.object_sweep import data_folder
+from mebo_grasp.experiments.objective import (
+    Evaluator,
+    Objective,
+    WantedSet,
+    checked_choice,
+    pointwise,
+    settings_digest,
+)
+from mebo_grasp.experiments.thesis_scenes import (
+    MIN_DISTANCE_MM,
+    NUM_SOLUTIONS,
+    THESIS_SCENES,
+    ThesisScene,
+)
+from mebo_grasp.grasp import FloatArray, Grasp
+from mebo_grasp.grasping.hand_model import HandModel
+from mebo_grasp.grasping.pose_space import PoseSpace, pose_space_6d, position_space
+from mebo_grasp.grasping.simulator import GraspSimulator
+from mebo_grasp.grasping.target_object import TargetObject
+from mebo_grasp.grasping.trial import ENGINE_NAMES, QUALITY_NAMES, EngineName, QualityName, TrialSettings
+from mebo_grasp.optimization.search_space import SearchSpace
+
+SPACES = ("position", "pose")
+BOUNDS = ("thesis", "object")
+PYBULLET_DATA = "pybullet_data:"
+"""Begin of an object's name that is a file of the package pybullet_data."""
+MM = 1000.0
+
+
+@dataclass(frozen=True)
+class GraspObjective(Objective):
+    """Quality of the grasp at a pose of the hand's TCP in the object's frame.
+
+    Candidates are in millimetres and radians, not in metres: the thesis counts the distance of two grasps in these
+    (section 7.4), and methods measure distances in the units of the space.
+
+    Args:
+        object: a built-in object, a mesh file, or ``pybullet_data:`` and a file of that package.
+        space: "position" (x, y, z at the side approach) or "pose" (with roll, pitch, yaw).
+        quality: the metric that is maximized.
+        bounds: "thesis": the thesis's box for its bottle, vase or drill; "object": derived from the object's box.
+        scene: which of the thesis's objects a mesh stands for; the object's own name if empty.
+        scale: factor from the mesh's unit to metres.
+        hand: name of a built-in hand.
+        engine: "bullet" or "fast".
+        friction: coefficient of friction; the Simox metrics know none.
+        num_solutions: M; 0 for the thesis's of the object, or 4.
+        min_distance: tau, mm and rad.
+    """
+
+    object: str
+    space: str = "position"
+    quality: QualityName = "epsilon"
+    bounds: str = "object"
+    scene: str = ""
+    scale: float = 1.0
+    hand: str = "icub_left"
+    engine: EngineName = "bullet"
+    friction: float = 0.5
+    num_solutions: int = 0
+    min_distance: float = MIN_DISTANCE_MM
+
+    @property
+    def object_name(self) -> str:
+        """The object's name in folders and tables."""
+        return self.scene or Path(self.object).stem
+
+    @property
+    def thesis_scene(self) -> ThesisScene | None:
+        """The thesis's scene with this object, if there is one."""
+        return THESIS_SCENES.get(self.scene or self.object)
+
+    @property
+    def label(self) -> str:
+        """Object, space and quality, with eight digits where another setting has not its default."""
+        shown = {"space", "bounds", "quality"} | (set() if self.scene else {"object"})
+        rest = settings_digest(self, frozenset(shown))
+        return f"{self.object_name}/{self.space}-{self.bounds}/{self.quality}{rest}"
+
+    @property
+    def column(self) -> str:
+        """The object."""
+        return self.object_name
+
+    @property
+    def group(self) -> str:
+        """Metric and space."""
+        return f"{self.quality}, TCP {self.space}"
+
+    def check(self) -> None:
+        """Refuse settings out of range, without loading the object.
+
+        Raises:
+            InvalidSettingsError: naming the setting, its value and those allowed.
+        """
+        checked_choice("space", self.space, SPACES)
+        checked_choice("quality", self.quality, QUALITY_NAMES)
+        checked_choice("bounds", self.bounds, BOUNDS)
+        checked_choice("engine", self.engine, ENGINE_NAMES)
+        if self.bounds == "thesis" and self.thesis_scene is None:
+            raise InvalidSettingsError(
+                f"the thesis has boxes for {', '.join(THESIS_SCENES)}, not for {self.object!r}; say which of them it "
+                "stands for by scene, or set bounds to object"
+            )
+        if self.num_solutions < 0 or self.min_distance <= 0.0:
+            raise InvalidSettingsError(
+                f"num_solutions must be at least 0 and min_distance above 0, got {self.num_solutions} and "
+                f"{self.min_distance}"
+            )
+
+    def wanted_set(self, seed: int) -> WantedSet:
+        """M and tau; all methods are told them, as the command line does."""
+        del seed
+        scene = self.thesis_scene
+        return WantedSet(
+            self.num_solutions or (scene.num_solutions if scene else NUM_SOLUTIONS), self.min_distance
+        )
+
+    @contextmanager
+    def open(self, seed: int) -> Iterator[Evaluator]:
+        """Load the object and its hand; those of the last objective are kept."""
+        del seed
+        self.check()
+        bench = _bench(self)
+        yield Evaluator(bench.search_space, pointwise(bench.quality))
+
+    def available(self, X: FloatArray) -> dict[str, np.ndarray]:
+        """Which candidates the thesis's occlusions leave (section 7.4.3), by occlusion; {} for other objects.
+
+        Args:
+            X: candidates, shape (n, d).
+        """
+        scene = self.thesis_scene
+        if scene is None:
+            return {}
+        z = X[:, 2] - MM * _target(self).bounds.mean(axis=0)[2] + scene.center[2]
+        return {"small": (z < scene.small[0]) | (z > scene.small[1]), "large": z < scene.large}
+
+    def grasps(self, X: FloatArray) -> tuple[TargetObject, HandModel, list[Grasp]]:
+        """Execute candidates once more: the same pose gives the same grasp."""
+        bench = _bench(self)
+        return bench.target, bench.hand, [bench.grasp(x) for x in X]
+
+
+class _Bench:
+    """An object before the hand, and the map from candidates to poses."""
+
+    def __init__(self, objective: GraspObjective) -> None:
+        self.target, self.hand = _target(objective), HandModel.load(objective.hand)
+        self.poses = _pose_space(objective, self.target, self.hand)
+        scale = self._units = np.array([MM if unit == "m" else 1.0 for unit in self.poses.units])
+        units = tuple("mm" if unit == "m" else unit for unit in self.poses.units)
+        self.search_space = SearchSpace(
+            self.poses.names, self.poses.lower * scale, self.poses.upper * scale, units
+        )
+        settings = TrialSettings(
+            friction=objective.friction, quality=objective.quality, engine=objective.engine, compute_volume=False
+        )
+        self._simulator = GraspSimulator(self.target, self.hand, settings)
+
+    def grasp(self, x: FloatArray) -> Grasp:
+        return self._simulator.trial(self.poses.to_pose(x / self._units))
+
+    def quality(self, x: FloatArray) -> float:
+        return self.grasp(x).quality
+
+
+def _pose_space(objective: GraspObjective, target: TargetObject, hand: HandModel) -> PoseSpace:
+    build = position_space if objective.space == "position" else pose_space_6d
+    scene = objective.thesis_scene
+    if objective.bounds != "thesis" or scene is None:
+        return build(target, hand)
+    lower, upper = scene.bounds(objective.space, MM * target.bounds.mean(axis=0))
+    lower[:3], upper[:3] = lower[:3] / MM, upper[:3] / MM
+    return build(target, hand, lower, upper)
+
+
+@lru_cache(maxsize=1)
+def _bench(objective: GraspObjective) -> _Bench:
+    # Building a simulator takes as long as a thousand trials, and a worker gets many runs of one objective in a row.
+    return _Bench(objective)
+
+
+@lru_cache(maxsize=4)
+def _target(objective: GraspObjective) -> TargetObject:
+    name = objective.object
+    if name.startswith(PYBULLET_DATA):
+        path = data_folder() / name.removeprefix(PYBULLET_DATA)
+        return TargetObject.from_file(path, objective.scale)
+    return TargetObject.load(name, objective.scale)

@@ -1,0 +1,78 @@
+"""The thesis's grasp scenes (section 7.4): search boxes and occluded heights of its three objects.
+
+The figures are those of the thesis's scene, in millimetres and radians, the hand's TCP in the world's frame. Its
+meshes are not at hand for all objects, so the scene is laid over an object by the centres of their bounding boxes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mebo_grasp.grasp import FloatArray
+
+NUM_SOLUTIONS = 4
+MIN_DISTANCE_MM = 40.0
+"""tau of a set of grasps: the Euclidean distance of two candidates in mm and rad (section 7.4)."""
+
+
+@dataclass(frozen=True)
+class ThesisScene:
+    """What the thesis says of one object.
+
+    Args:
+        center: middle of the object's bounding box in the world, mm.
+        position_lower, position_upper: box of x, y, z in the 3-D experiments, mm.
+        pose_lower, pose_upper: box of x, y, z, roll, pitch, yaw in the 6-D experiments, mm and rad.
+        small: heights of the TCP from which and up to which grasps are blocked by the small occlusion, mm.
+        large: height from which on grasps are blocked by the large occlusion, mm.
+        num_solutions: M, grasps wanted.
+    """
+
+    center: tuple[float, float, float]
+    position_lower: tuple[float, ...]
+    position_upper: tuple[float, ...]
+    pose_lower: tuple[float, ...]
+    pose_upper: tuple[float, ...]
+    small: tuple[float, float]
+    large: float
+    num_solutions: int = NUM_SOLUTIONS
+
+    def bounds(self, space: str, center: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return lower and upper bounds in the frame of an object, mm and rad.
+
+        Args:
+            space: "position" or "pose".
+            center: middle of the object's bounding box in its own frame, shape (3,), mm.
+        """
+        if space == "position":
+            lower, upper = np.array(self.position_lower), np.array(self.position_upper)
+        else:
+            lower, upper = np.array(self.pose_lower), np.array(self.pose_upper)
+        shift = np.zeros(len(lower))
+        shift[:3] = center - np.array(self.center)
+        return lower + shift, upper + shift
+
+
+THESIS_SCENES = {
+    "bottle": ThesisScene(
+        (25.57, -46.0, -40.24),
+        (-50, -20, -150), (3, 35, 34),
+        (-35, -30, -150, -1.8, -0.4, -0.78), (15, 25, 65, -0.78, 0.4, 0.78),
+        (-90, 30), -90,
+    ),
+    "vase": ThesisScene(
+        (35.0, -20.0, 43.2),
+        (-60, -5, -70), (20, 70, 170),
+        (-13, -2, -65, -1.96, -0.1, -0.7), (30, 35, 100, -0.8, 0.1, 0.2),
+        (-35, 65), -35,
+    ),
+    "drill": ThesisScene(
+        (15.0, -60.0, 50.0),
+        (-15, -6.5, -70), (15, 45, 70),
+        (-25, -7, -70, -1.8, -0.1, -0.7), (25, 45, 95, -1.2, 0.1, 0.4),
+        (-50, 50), -50, num_solutions=3,
+    ),
+}  # fmt: skip
+"""By the thesis's name of the object. Where the drill's origin was is lost with its mesh; it is taken for the centre."""
