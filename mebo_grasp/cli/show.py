@@ -6,9 +6,9 @@ import argparse
 from pathlib import Path
 
 from mebo_grasp.cli.filters import add_filter_arguments, explain, metric_of, query_of
-from mebo_grasp.cli.page import write_run_page
 from mebo_grasp.cli.report import grasp_table
 from mebo_grasp.cli.run_folder import PAGE, PICTURE, StoredRun, add_run_arguments
+from mebo_grasp.grasp_page import write_run_page
 from mebo_grasp.grasping.rendering import render_grasps
 from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.solution_set import SolutionSet

@@ -7,7 +7,6 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TextIO
 
 from mebo_grasp.errors import InvalidSettingsError, MeboGraspError
 from mebo_grasp.experiments.cec2013_objective import Cec2013
@@ -20,6 +19,7 @@ from mebo_grasp.experiments.problems import (
     get_problem,
     select_problems,
 )
+from mebo_grasp.experiments.progress import say
 from mebo_grasp.experiments.protocol import known_methods, select_methods
 from mebo_grasp.experiments.runner import Outcome, run_jobs
 from mebo_grasp.experiments.tables import ResultSet, all_tables, legend
@@ -121,24 +121,19 @@ def run(args: argparse.Namespace) -> int:
         jobs = plan(args)
         missing = [name for name in PEER_NAMES if name not in installed_peers()]
         if missing and {"all", "peers"} & set(args.methods):
-            _say(f"skipped, not installed (extra [peers]): {', '.join(missing)}", sys.stderr)
+            say(f"skipped, not installed (extra [peers]): {', '.join(missing)}", sys.stderr)
         workers = args.workers if args.workers is not None else os.cpu_count() or 1
         outcome = run_jobs(jobs, args.out, workers)
     except MeboGraspError as error:
-        _say(f"error: {error}", sys.stderr)
+        say(f"error: {error}", sys.stderr)
         return 2
     _report(outcome, jobs, args.out)
     if outcome.interrupted:
-        _say(f"stopped; the same command continues in {args.out}", sys.stderr)
+        say(f"stopped; the same command continues in {args.out}", sys.stderr)
         return 130
     for key, message in outcome.failures:
-        _say(f"failed: {key}: {message}", sys.stderr)
+        say(f"failed: {key}: {message}", sys.stderr)
     return 1 if outcome.failures else 0
-
-
-def _say(text: str, stream: TextIO) -> None:
-    stream.write(f"{text}\n")
-    stream.flush()
 
 
 def _report(outcome: Outcome, jobs: Sequence[Job], out: Path) -> None:
@@ -147,7 +142,7 @@ def _report(outcome: Outcome, jobs: Sequence[Job], out: Path) -> None:
         return
     tables = all_tables(outcome.results)
     for table in tables:
-        _say(table.text(), sys.stdout)
+        say(table.text(), sys.stdout)
     missing = len(jobs) - len(outcome.results)
     head = [
         "# CEC 2013 niching benchmark",
@@ -160,7 +155,7 @@ def _report(outcome: Outcome, jobs: Sequence[Job], out: Path) -> None:
     text = "\n".join([*head, *(table.markdown() for table in tables)])
     (out / "tables.md").write_text(text, encoding="utf-8")
     plot_found_optima(outcome.results, out / "found_optima.png")
-    _say(f"tables and plots: {out / 'tables.md'}, {out / 'found_optima.png'}", sys.stdout)
+    say(f"tables and plots: {out / 'tables.md'}, {out / 'found_optima.png'}", sys.stdout)
 
 
 __all__ = ["DEFAULT_METHODS", "add_arguments", "default_method", "known_methods", "plan", "run"]

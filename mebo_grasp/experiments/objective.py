@@ -112,7 +112,7 @@ class Objective(ABC):
         """What its values are measured in; only objectives of one group stand in one table."""
         return ""
 
-    def check(self) -> None:
+    def check(self) -> None:  # noqa: B027  most objectives have nothing to refuse
         """Refuse settings that are out of range, quickly: it is asked when an experiment is read.
 
         Raises:

@@ -1,4 +1,4 @@
-"""How far an experiment is and how long it will take."""
+"""What an experiment says as it goes: how far it is and how long it will take."""
 
 from __future__ import annotations
 
@@ -7,6 +7,12 @@ from collections.abc import Sequence
 from typing import TextIO
 
 _REPORT_SECONDS = 15.0
+
+
+def say(text: str, stream: TextIO) -> None:
+    """Write a line at once."""
+    stream.write(f"{text}\n")
+    stream.flush()
 
 
 class Progress:

@@ -8,6 +8,7 @@ logged values (their own state is not ours to save).
 from __future__ import annotations
 
 import fcntl
+import json
 import math
 import platform
 import time
@@ -155,7 +156,13 @@ def _run_peer(job: Job, evaluator: Evaluator, path: Path, stop: StopCheck) -> tu
     begin = time.process_time()
     peer = _make_peer(job, evaluator)
     cpu = time.process_time() - begin
-    header = {"method": job.method, "seed": job.seed, "budget": job.budget, "versions": versions(job.method)}
+    header = {
+        "method": job.method,
+        "seed": job.seed,
+        "budget": job.budget,
+        "versions": versions(job.method),
+        "space": {"names": list(evaluator.space.names)},
+    }
     log = RunLog.append(path) if resumed else RunLog.create(path, header)
     try:
         n = 0
@@ -248,3 +255,10 @@ def read_trace(path: Path) -> tuple[FloatArray, FloatArray, list[list[int]]]:
     dim = max((len(x) for x in points.values()), default=0)
     X = np.array([points[i] for i in ids], dtype=np.float64).reshape(-1, dim)
     return X, np.array([values[i] for i in ids], dtype=np.float64), batches
+
+
+def space_names(path: Path) -> tuple[str, ...]:
+    """Names of the dimensions from a run log's header; empty where an old log has none."""
+    with path.open(encoding="utf-8") as stream:
+        header = json.loads(stream.readline())
+    return tuple(header.get("space", {}).get("names", ()))

@@ -18,7 +18,7 @@ from mebo_grasp.experiments import set_metrics
 from mebo_grasp.experiments.grasp_objective import GraspObjective
 from mebo_grasp.experiments.job import Job
 from mebo_grasp.experiments.objective import Trace
-from mebo_grasp.experiments.run_job import read_trace
+from mebo_grasp.experiments.run_job import read_trace, space_names
 from mebo_grasp.grasp import FloatArray
 
 RETENTION_RADII_MM = (20, 40, 60)
@@ -35,11 +35,13 @@ class Run:
         job: what was run.
         result: its line of ``results.jsonl``.
         trace: what it evaluated and returned.
+        names: of the space's dimensions.
     """
 
     job: Job
     result: dict[str, Any]
     trace: Trace
+    names: tuple[str, ...] = ()
 
     @classmethod
     def load(cls, job: Job, result: dict[str, Any], out: Path) -> Run:
@@ -50,7 +52,7 @@ class Run:
         """
         X, y, batches = read_trace(job.log_path(out))
         solutions = np.array(result["solutions"], dtype=np.float64).reshape(-1, X.shape[1])
-        return cls(job, result, Trace(X, y, batches, solutions))
+        return cls(job, result, Trace(X, y, batches, solutions), space_names(job.log_path(out)))
 
     @property
     def solution_values(self) -> FloatArray:
@@ -179,8 +181,8 @@ METRICS = {
     "retention": Metric(
         "Occlusion retention",
         tuple(Column(f"{s} {r} mm") for s in ("set", "archive") for r in RETENTION_RADII_MM), _retention,
-        "Best grasp left over best grasp, when all within a radius of the best one's TCP are dropped; from the returned "
-        "set and from all tried grasps.",
+        "Best grasp left over best grasp, when all within a radius of the best one's TCP are dropped; from the "
+        "returned set and from all tried grasps.",
     ),
     "hypervolume": Metric(
         "Hypervolume of quality and diversity", (Column("hypervolume"),), _hypervolume,

@@ -1,7 +1,7 @@
 """What a set or an archive of solutions is worth: quality, diversity, and what is left when a part is blocked.
 
-Notation: n evaluated points X, shape (n, d), with values y, shape (n,), NaN for failed trials; larger is better. Lengths
-are in the units of the space.
+Notation: n evaluated points X, shape (n, d), with values y, shape (n,), NaN for failed trials; larger is better.
+Lengths are in the units of the space.
 """
 
 from __future__ import annotations

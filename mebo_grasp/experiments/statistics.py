@@ -24,7 +24,8 @@ def paired_p(a: Mapping[int, float], b: Mapping[int, float]) -> float:
     below 0.05.
 
     Args:
-        a, b: values by seed.
+        a: values of one method by seed.
+        b: values of the other.
     """
     seeds = sorted(a.keys() & b.keys())
     differences = np.array([a[seed] - b[seed] for seed in seeds], dtype=np.float64)

@@ -14,9 +14,11 @@ import yaml
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.experiments.cluster import dask_pool
 from mebo_grasp.experiments.definition import Definition, load_definition
+from mebo_grasp.experiments.progress import say
 from mebo_grasp.experiments.report import write_report
-from mebo_grasp.experiments.runner import Outcome, local_pool, run_jobs
+from mebo_grasp.experiments.runner import Outcome, load_results, local_pool, run_jobs
 from mebo_grasp.experiments.scores import Run
+from mebo_grasp.experiments.study_tables import LEGEND
 
 EXIT_FAILED, EXIT_INTERRUPTED = 1, 130
 
@@ -58,17 +60,16 @@ def run(name: str, options: argparse.Namespace) -> int:
         return _list(definition, out)
     workers = options.workers if options.workers is not None else os.cpu_count() or 1
     if options.report_only:
-        outcome = run_jobs([], out)
-        outcome.results = _finished(definition, out)
+        outcome = Outcome(_finished(definition, out))
     else:
         pool = dask_pool(options.cluster) if options.cluster else local_pool(workers)
         outcome = run_jobs(definition.jobs, out, workers, pool=pool)
     _report(definition, outcome, out)
     if outcome.interrupted:
-        print(f"stopped; the same command continues in {out}", file=sys.stderr)
+        say(f"stopped; the same command continues in {out}", sys.stderr)
         return EXIT_INTERRUPTED
     for key, message in outcome.failures:
-        print(f"failed: {key}: {message}", file=sys.stderr)
+        say(f"failed: {key}: {message}", sys.stderr)
     return EXIT_FAILED if outcome.failures else 0
 
 
@@ -96,8 +97,6 @@ def _conditions(words: Sequence[str]) -> dict[str, list[str]]:
 
 
 def _finished(definition: Definition, out: Path) -> list[dict[str, Any]]:
-    from mebo_grasp.experiments.runner import load_results
-
     known = load_results(out)
     return [known[job.key] for job in definition.jobs if job.key in known]
 
@@ -105,8 +104,8 @@ def _finished(definition: Definition, out: Path) -> list[dict[str, Any]]:
 def _list(definition: Definition, out: Path) -> int:
     done = {result["key"] for result in _finished(definition, out)}
     for job in definition.jobs:
-        print(f"{'done' if job.key in done else 'open':<5} {job.key}")
-    print(f"{len(done)} of {len(definition.jobs)} runs done in {out}")
+        say(f"{'done' if job.key in done else 'open':<5} {job.key}", sys.stdout)
+    say(f"{len(done)} of {len(definition.jobs)} runs done in {out}", sys.stdout)
     return 0
 
 
@@ -118,5 +117,6 @@ def _report(definition: Definition, outcome: Outcome, out: Path) -> None:
     runs = [Run.load(jobs[result["key"]], result, out) for result in outcome.results]
     report = write_report(definition, runs, out)
     for table in report.tables:
-        print(table.text())
-    print(f"report: {report.page}; tables: {report.markdown}, {report.csv}")
+        say(table.text(), sys.stdout)
+    say(f"{LEGEND}\n", sys.stdout)
+    say(f"report: {report.page}; tables: {report.markdown}, {report.csv}", sys.stdout)

@@ -75,4 +75,4 @@ THESIS_SCENES = {
         (-50, 50), -50, num_solutions=3,
     ),
 }  # fmt: skip
-"""By the thesis's name of the object. Where the drill's origin was is lost with its mesh; it is taken for the centre."""
+"""By the thesis's name of the object. The drill's origin is lost with its mesh and taken for the centre."""

@@ -55,7 +55,8 @@ def _layers() -> tuple[Room, ...]:
 
 
 THREE_ROOMS = (OPTIMIZATION, "mebo_grasp.grasping", "mebo_grasp.solutions")
-BELOW_NODES = (*GROUND, *THREE_ROOMS, "mebo_grasp.hand_volumes", "mebo_grasp.experiments", "msg_adapters")
+BETWEEN_ROOMS = ("mebo_grasp.hand_volumes", "mebo_grasp.grasp_page")
+BELOW_NODES = (*GROUND, *THREE_ROOMS, *BETWEEN_ROOMS, "mebo_grasp.experiments", "msg_adapters")
 # Value types of the solutions room that have a message.
 SOLUTION_VALUES = (
     "mebo_grasp.solutions.frames", "mebo_grasp.solutions.occlusion", "mebo_grasp.solutions.solution_set",
@@ -73,7 +74,9 @@ ROOMS = (
     Room("msg_adapters", (*GROUND, *SOLUTION_VALUES), (MESSAGES, AMENT_INDEX)),
     # What the simulator knows of a hand, in the terms of the solution set.
     Room("mebo_grasp.hand_volumes", (*GROUND, "mebo_grasp.grasping", "mebo_grasp.solutions")),
-    Room("mebo_grasp.experiments", (*GROUND, *THREE_ROOMS, "mebo_grasp.hand_volumes")),
+    # Its looks, for the pages that show a set.
+    Room("mebo_grasp.grasp_page", (*GROUND, "mebo_grasp.grasping", "mebo_grasp.solutions")),
+    Room("mebo_grasp.experiments", (*GROUND, *THREE_ROOMS, *BETWEEN_ROOMS)),
     Room("mebo_grasp.nodes", BELOW_NODES, (ROS_CLIENT, MESSAGES, AMENT_INDEX)),
     Room("mebo_grasp.cli", ("mebo_grasp.__version__", "mebo_grasp.nodes", *BELOW_NODES)),
 )
