@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
-from mebo_grasp.errors import InvalidSettingsError
-from mebo_grasp.experiments.object_sweep import data_folder
+from mebo_grasp.errors import InvalidObjectError, InvalidSettingsError
 from mebo_grasp.experiments.objective import (
     Evaluator,
     Objective,
@@ -36,9 +36,8 @@ from mebo_grasp.optimization.search_space import SearchSpace
 
 SPACES = ("position", "pose")
 BOUNDS = ("thesis", "object")
-PYBULLET_DATA = "pybullet_data:"
-"""Begin of an object's name that is a file of the package pybullet_data."""
 MM = 1000.0
+LONGEST_HEAD = 24
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ class GraspObjective(Objective):
     (section 7.4), and methods measure distances in the units of the space.
 
     Args:
-        object: a built-in object, a mesh file, or ``pybullet_data:`` and a file of that package.
+        object: a built-in object, a mesh file, or ``package:file`` for a file of an installed package.
         space: "position" (x, y, z at the side approach) or "pose" (with roll, pitch, yaw).
         quality: the metric that is maximized.
         bounds: "thesis": the thesis's box for its bottle, vase or drill; "object": derived from the object's box.
@@ -93,8 +92,9 @@ class GraspObjective(Objective):
 
     @property
     def column(self) -> str:
-        """The object."""
-        return self.object_name
+        """The object; of a name with its parameters in it, the first word."""
+        name = self.object_name
+        return name if len(name) <= LONGEST_HEAD else name.split("_")[0]
 
     @property
     def group(self) -> str:
@@ -197,8 +197,18 @@ def _bench(objective: GraspObjective) -> _Bench:
 
 @lru_cache(maxsize=4)
 def _target(objective: GraspObjective) -> TargetObject:
-    name = objective.object
-    if name.startswith(PYBULLET_DATA):
-        path = data_folder() / name.removeprefix(PYBULLET_DATA)
-        return TargetObject.from_file(path, objective.scale)
-    return TargetObject.load(name, objective.scale)
+    package, colon, file = objective.object.partition(":")
+    if colon and not Path(objective.object).exists():
+        return TargetObject.from_file(_package_folder(package) / file, objective.scale)
+    return TargetObject.load(objective.object, objective.scale)
+
+
+def _package_folder(package: str) -> Path:
+    """Folder of an installed package, found without importing it."""
+    try:
+        spec = find_spec(package)
+    except ModuleNotFoundError:
+        spec = None
+    if spec is None or spec.origin is None:
+        raise InvalidObjectError(f"the package {package} is not installed; install it or leave its objects out")
+    return Path(spec.origin).parent

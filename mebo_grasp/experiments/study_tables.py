@@ -20,6 +20,8 @@ from mebo_grasp.experiments.statistics import LEVEL, against_best, mean_sd
 from mebo_grasp.experiments.tables import THESIS_ROW, Table
 
 NONE, WORSE = "-", " †"
+MOST_OBJECTIVE_COLUMNS = 6
+"""With more objectives a table has a row for each of them, and their mean."""
 LEGEND = (
     "Mean ± standard deviation (runs). **Bold**: best mean of a column; †: worse than it, p < "
     f"{LEVEL:g} (Wilcoxon signed-rank test, paired over seeds, Holm's correction over the methods; fewer than six "
@@ -61,13 +63,15 @@ class TableColumn:
     """A column of a table: a number of the metric on an objective.
 
     Args:
-        objective: what was maximized.
+        label: of the objective, for files.
+        head: of the objective, for readers.
         column: the number.
         cells: by method.
         printed: the thesis's figures by its names of methods.
     """
 
-    objective: Objective
+    label: str
+    head: str
     column: Column
     cells: dict[str, Cell]
     printed: dict[str, Printed]
@@ -95,20 +99,25 @@ class StudyTable:
         return METRICS[self.metric].title + (f": {self.group}" if self.group else "")
 
     def table(self) -> Table:
-        """The table to print."""
+        """The table to print: a column for each objective, or a row where there are many of them."""
+        note = METRICS[self.metric].note
+        if len({item.label for item in self.columns}) > MOST_OBJECTIVE_COLUMNS:
+            rows = [(self._head(item), *(self._text(item, m) for m in self.methods)) for item in self.columns]
+            return Table(self.title, ("", *self.methods), tuple(rows), note)
         header = ["method"]
         for i, item in enumerate(self.columns):
-            again = i > 0 and self.columns[i - 1].objective == item.objective
-            head = item.objective.column
-            # A metric of one number needs no second line of heads.
-            single = len(METRICS[self.metric].columns) == 1
-            header.append(head if single else item.column.name if again else f"{head}: {item.column.name}")
+            again = i > 0 and self.columns[i - 1].label == item.label
+            header.append(item.column.name if again else self._head(item))
         rows = [(method, *(self._text(item, method) for item in self.columns)) for method in self.methods]
         printed = dict.fromkeys(name for item in self.columns for name in item.printed)
         rows += [
             (THESIS_ROW.format(name), *(_printed_text(item, name) for item in self.columns)) for name in printed
         ]
-        return Table(self.title, tuple(header), tuple(rows), METRICS[self.metric].note)
+        return Table(self.title, tuple(header), tuple(rows), note)
+
+    def _head(self, item: TableColumn) -> str:
+        # A metric of one number needs no name of the number.
+        return item.head if len(METRICS[self.metric].columns) == 1 else f"{item.head}: {item.column.name}"
 
     @staticmethod
     def _text(item: TableColumn, method: str) -> str:
@@ -118,7 +127,7 @@ class StudyTable:
     def csv_rows(self) -> Iterable[tuple[str, ...]]:
         """One row a cell and printed figure, as ``CSV_HEADER`` has them."""
         for item in self.columns:
-            begin = (self.metric, self.group, item.objective.label, item.column.name)
+            begin = (self.metric, self.group, item.label, item.column.name)
             for method, cell in item.cells.items():
                 p = "" if cell.p is None else f"{cell.p:.6g}"
                 numbers = (f"{cell.mean:.10g}", f"{cell.sd:.10g}", str(cell.runs), str(int(cell.is_best)), p)
@@ -160,16 +169,31 @@ def _make_table(metric: str, group: str, runs: Sequence[Run]) -> StudyTable:
                 cells.setdefault(run.job.method, {})[run.job.seed] = value
     methods = tuple(dict.fromkeys(run.job.method for run in runs))
     is_study = bool(set(methods) & set(STUDY_NAMES))
-    columns = [
+    columns = METRICS[metric].columns
+    made = [
         TableColumn(
-            objective, column, _cells(by_name[column.name], column),
+            objective.label, objective.column, column, _cells(by_name[column.name], column),
             printed_figures(objective, column.name, is_study),
         )
         for objective, by_name in values.items()
-        for column in METRICS[metric].columns
+        for column in columns
         if column.name in by_name
     ]  # fmt: skip
-    return StudyTable(metric, group, methods, tuple(columns))
+    if len(values) > MOST_OBJECTIVE_COLUMNS:
+        made += [_over_all(list(values.values()), column) for column in columns]
+    return StudyTable(metric, group, methods, tuple(made))
+
+
+def _over_all(values: Sequence[dict[str, dict[str, dict[int, float]]]], column: Column) -> TableColumn:
+    """The mean over all objectives, of the seeds at which a method has a value on each."""
+    tables = [by_name.get(column.name, {}) for by_name in values]
+    cells: dict[str, dict[int, float]] = {}
+    for method in dict.fromkeys(method for by_method in tables for method in by_method):
+        by_seed = [by_method.get(method, {}) for by_method in tables]
+        whole = set.intersection(*(set(seeds) for seeds in by_seed))
+        if whole:
+            cells[method] = {seed: sum(v[seed] for v in by_seed) / len(by_seed) for seed in sorted(whole)}
+    return TableColumn("all", f"mean over {len(values)}", column, _cells(cells, column), {})
 
 
 def _cells(by_method: dict[str, dict[int, float]], column: Column) -> dict[str, Cell]:
