@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -86,7 +86,7 @@ class GraspObjective(Objective):
     @property
     def label(self) -> str:
         """Object, space and quality, with eight digits where another setting has not its default."""
-        shown = {"space", "bounds", "quality"} | (set() if self.scene else {"object"})
+        shown = {"space", "bounds", "quality"} | ({"object"} if self.object == self.object_name else set())
         rest = settings_digest(self, frozenset(shown))
         return f"{self.object_name}/{self.space}-{self.bounds}/{self.quality}{rest}"
 
@@ -167,10 +167,16 @@ class _Bench:
         self.search_space = SearchSpace(
             self.poses.names, self.poses.lower * scale, self.poses.upper * scale, units
         )
-        settings = TrialSettings(
-            friction=objective.friction, quality=objective.quality, engine=objective.engine, compute_volume=False
+        self._settings = TrialSettings(
+            friction=objective.friction,
+            quality=objective.quality,
+            engine=objective.engine,
+            compute_volume=False,
         )
-        self._simulator = GraspSimulator(self.target, self.hand, settings)
+
+    @cached_property
+    def _simulator(self) -> GraspSimulator:
+        return GraspSimulator(self.target, self.hand, self._settings)
 
     def grasp(self, x: FloatArray) -> Grasp:
         return self._simulator.trial(self.poses.to_pose(x / self._units))
@@ -210,5 +216,7 @@ def _package_folder(package: str) -> Path:
     except ModuleNotFoundError:
         spec = None
     if spec is None or spec.origin is None:
-        raise InvalidObjectError(f"the package {package} is not installed; install it or leave its objects out")
+        raise InvalidObjectError(
+            f"the package {package} is not installed; install it or leave its objects out"
+        )
     return Path(spec.origin).parent

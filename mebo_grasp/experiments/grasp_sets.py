@@ -143,4 +143,3 @@ def _grasp_entry(hand: HandModel, grasp: Grasp, color: tuple[float, float, float
         "transforms": [matrix[:3].ravel().tolist() for matrix in placed],
         "lines": contact_lines(grasp),
     }
-

@@ -99,7 +99,9 @@ def _facts(definition: Definition, runs: Sequence[Run]) -> list[str]:
         for package, version in run.result["versions"].items():
             versions.setdefault(package, set()).add(version)
     return [
-        f"{len(runs)} runs" + (f"; {missing} of {len(definition.jobs)} are not done" if missing else "") + ".",
+        f"{len(runs)} runs"
+        + (f"; {missing} of {len(definition.jobs)} are not done" if missing else "")
+        + ".",
         f"Seeds {', '.join(map(str, seeds))}.",
         f"The optimizers took {cpu:.0f} CPU seconds in all.",
         "Made with " + ", ".join(f"{name} {' and '.join(sorted(v))}" for name, v in versions.items()) + ".",
@@ -109,7 +111,16 @@ def _facts(definition: Definition, runs: Sequence[Run]) -> list[str]:
 def _markdown(
     definition: Definition, runs: Sequence[Run], tables: Sequence[Table], pictures: Sequence[Path], out: Path
 ) -> str:
-    lines = [f"# {definition.title}", "", definition.about, "", " ".join(_facts(definition, runs)), "", LEGEND, ""]
+    lines = [
+        f"# {definition.title}",
+        "",
+        definition.about,
+        "",
+        " ".join(_facts(definition, runs)),
+        "",
+        LEGEND,
+        "",
+    ]
     lines += [table.markdown() for table in tables]
     lines += [f"![{path.stem}]({path.relative_to(out)})\n" for path in pictures]
     return "\n".join(lines)
@@ -122,7 +133,10 @@ def _page(
     plots: Sequence[Path],
     sets: Sequence[ShownSet],
 ) -> str:
-    body = [f"<p>{html.escape(definition.about)}</p>", f"<p>{html.escape(' '.join(_facts(definition, runs)))}</p>"]
+    body = [
+        f"<p>{html.escape(definition.about)}</p>",
+        f"<p>{html.escape(' '.join(_facts(definition, runs)))}</p>",
+    ]
     body += ["<h2>Tables</h2>", f'<p class="note">{_inline(LEGEND)}</p>', *map(_table_html, tables)]
     body += ["<h2>Plots</h2>" if plots else "", *map(_image_html, plots)]
     if sets:

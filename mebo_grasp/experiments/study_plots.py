@@ -54,7 +54,9 @@ def plot_best_values(runs: Sequence[Run], group: str, path: Path) -> None:
         picked = [run for run in runs if run.job.objective == objective]
         _draw(axes, picked, methods)
         axes.set_title(objective.column, fontsize=9)
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=8)
+    figure.legend(
+        *figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=8
+    )
     if group:
         figure.suptitle(group, fontsize=10)
     path.parent.mkdir(parents=True, exist_ok=True)

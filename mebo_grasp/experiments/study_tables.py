@@ -111,7 +111,8 @@ class StudyTable:
         rows = [(method, *(self._text(item, method) for item in self.columns)) for method in self.methods]
         printed = dict.fromkeys(name for item in self.columns for name in item.printed)
         rows += [
-            (THESIS_ROW.format(name), *(_printed_text(item, name) for item in self.columns)) for name in printed
+            (THESIS_ROW.format(name), *(_printed_text(item, name) for item in self.columns))
+            for name in printed
         ]
         return Table(self.title, tuple(header), tuple(rows), note)
 
