@@ -49,5 +49,5 @@ def test_the_best_is_by_mean_and_direction() -> None:
 
 
 def test_mean_and_sample_deviation() -> None:
-    assert mean_sd([1.0, 3.0]) == (2.0, pytest.approx(2.0**0.5))
+    assert mean_sd([1.0, 3.0]) == pytest.approx((2.0, 2.0**0.5))
     assert mean_sd([4.0]) == (4.0, 0.0)
