@@ -15,7 +15,7 @@ from mebo_grasp.experiments.scores import Run
 from mebo_grasp.grasp import Grasp, GraspOutcome
 from mebo_grasp.grasp_page import coarse_mesh
 from mebo_grasp.grasping.hand_model import HandModel
-from mebo_grasp.grasping.rendering import render_grasps
+from mebo_grasp.grasping.rendering import HAND_COLORS, Panel, compose_panels, draw_panel, view_direction
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.solutions.page import COLORS, Mesh, contact_lines, encode_mesh
 
@@ -30,6 +30,7 @@ class ShownSet:
     Args:
         title: object, method, seed, and whether it is the worst or best of its runs.
         summary: its figures.
+        caption: the same in a few words.
         name: of its picture.
         method: that returned it.
         target: the object.
@@ -39,17 +40,26 @@ class ShownSet:
 
     title: str
     summary: str
+    caption: str
     name: str
     method: str
     target: TargetObject
     hand: HandModel
     grasps: list[Grasp]
 
-    def draw(self, folder: Path) -> Path:
-        """Write a picture of the set and return where it is."""
-        path = folder / f"{self.name}.png"
-        render_grasps(self.target, self.hand, self.grasps, path)
-        return path
+
+def draw_sets(sets: Sequence[ShownSet], folder: Path) -> list[Path]:
+    """Write one picture a method and objective, its worst set beside its best; return where they are."""
+    pictures: dict[str, list[Panel]] = {}
+    for shown in sets:
+        colors = [HAND_COLORS[k % len(HAND_COLORS)] for k in range(len(shown.grasps))]
+        direction = view_direction(shown.hand, shown.grasps[0])
+        panel = draw_panel(shown.caption, shown.target, shown.hand, shown.grasps, colors, direction)
+        pictures.setdefault(shown.name, []).append(panel)
+    paths = [folder / f"{name}.png" for name in pictures]
+    for path, panels in zip(paths, pictures.values(), strict=True):
+        compose_panels(panels, path)
+    return paths
 
 
 def extreme_sets(runs: Sequence[Run]) -> list[ShownSet]:
@@ -85,8 +95,9 @@ def _shown(objective: GraspObjective, method: str, which: str, run: Run) -> Show
         f"{len(grasps)} grasps, M_d {count} of {objective.wanted_set(run.job.seed).size}, mean quality {mean:.4f}, "
         f"best of the run {set_metrics.best_value(run.trace.y):.4f}"
     )
-    name = f"{objective.label}/{method}-{which}".replace("/", "-")
-    return ShownSet(title, summary, name, method, target, hand, grasps)
+    caption = f"{method}, {which}: M_d {count}, mean {mean:.3f}"
+    name = f"{objective.label}/{method}".replace("/", "-")
+    return ShownSet(title, summary, caption, name, method, target, hand, grasps)
 
 
 def viewer_data(sets: Sequence[ShownSet]) -> dict[str, Any]:

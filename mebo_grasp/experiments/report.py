@@ -14,7 +14,7 @@ from typing import Any
 
 from mebo_grasp.experiments.definition import Definition
 from mebo_grasp.experiments.grasp_objective import GraspObjective
-from mebo_grasp.experiments.grasp_sets import ShownSet, extreme_sets, viewer_data
+from mebo_grasp.experiments.grasp_sets import ShownSet, draw_sets, extreme_sets, viewer_data
 from mebo_grasp.experiments.plots import plot_found_optima
 from mebo_grasp.experiments.scores import Run
 from mebo_grasp.experiments.study_plots import plot_best_values
@@ -44,20 +44,19 @@ class Report:
     pictures: tuple[Path, ...]
 
 
-def write_report(definition: Definition, runs: Sequence[Run], out: Path, pictures: bool = True) -> Report:
+def write_report(definition: Definition, runs: Sequence[Run], out: Path) -> Report:
     """Write the report of the runs that are finished into a folder.
 
     Args:
         definition: the experiment.
         runs: at least one.
         out: the folder.
-        pictures: whether the worst and best sets are also drawn as files.
     """
     study = make_tables(definition.metrics, runs)
     tables = (*(item.table() for item in study), *_solution_tables(definition, runs))
     plots = _plots(definition, runs, out)
     sets = extreme_sets(runs) if "set" in definition.metrics else []
-    drawn = [item.draw(out / "sets") for item in sets if pictures and item.method in PICTURED_METHODS]
+    drawn = draw_sets([item for item in sets if item.method in PICTURED_METHODS], out / "sets")
     markdown, table_file, page = out / "tables.md", out / "tables.csv", out / "report.html"
     markdown.write_text(_markdown(definition, runs, tables, [*plots, *drawn], out), encoding="utf-8")
     table_file.write_text(csv_text(study), encoding="utf-8")

@@ -75,7 +75,7 @@ def test_tables_plots_and_pictures_are_written(quick: Path) -> None:
         assert f"### {title}" in markdown
     assert "| *thesis ROBOT* | 0.829 ± 0.011 |" in markdown
     pictures = re.findall(r"!\[.*?\]\((.*?)\)", markdown)
-    assert len(pictures) == 1 + 2 * 2
+    assert len(pictures) == 1 + 2
     for name in pictures:
         assert (quick / name).read_bytes().startswith(b"\x89PNG")
     assert 'best,"simox_epsilon, TCP position",bottle/' in (quick / "tables.csv").read_text(encoding="utf-8")
