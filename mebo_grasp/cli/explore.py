@@ -25,6 +25,12 @@ from mebo_grasp.nodes.domain import private_domain
 from mebo_grasp.nodes.exploration_client import ExplorationClient, Standing
 from mebo_grasp.nodes.exploration_plan import SPACES
 from mebo_grasp.nodes.processes import NodeGroup, NodeProcess
+from mebo_grasp.optimization.methods.base import (
+    KERNEL_NAMES,
+    LEARNING_NAMES,
+    WARP_NAMES,
+    MethodSettings,
+)
 from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD, METHOD_NAMES
 from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.occlusion import Box, Occlusion
@@ -54,6 +60,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--method", default=DEFAULT_METHOD,
         help=f"one of {', '.join(METHOD_NAMES)} (default: {DEFAULT_METHOD})",
     )
+    _add_surrogate_options(parser)
     parser.add_argument("--space", default="position", choices=sorted(SPACES), help="search space")
     parser.add_argument("--facet", default="+y", choices=FACETS, help="in space facet: what the hand faces (+y)")
     parser.add_argument("--budget", type=int, default=250, help="number of trials (default: 250)")
@@ -64,6 +71,22 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser.add_argument("--out", type=Path, help="folder of the run (default: out/<object>-<time>)")
     parser.add_argument("--restart", action="store_true", help="begin anew if the folder holds a run")
     parser.set_defaults(run=run)
+
+
+def _add_surrogate_options(parser: argparse.ArgumentParser) -> None:
+    """What a method's surrogate is; the default method chooses its own by evidence."""
+    parser.add_argument(
+        "--kernel", default=KERNEL_NAMES[0], choices=KERNEL_NAMES,
+        help=f"covariance of a method other than {DEFAULT_METHOD} (default: {KERNEL_NAMES[0]})",
+    )  # fmt: skip
+    parser.add_argument(
+        "--warp", default=WARP_NAMES[0], choices=WARP_NAMES,
+        help=f"learned map of each input before the kernel (default: {WARP_NAMES[0]})",
+    )  # fmt: skip
+    parser.add_argument(
+        "--learning", default=LEARNING_NAMES[0], choices=LEARNING_NAMES,
+        help=f"how hyperparameters are learned (default: {LEARNING_NAMES[0]})",
+    )  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:
@@ -98,6 +121,7 @@ def _check(options: argparse.Namespace) -> None:
         raise InvalidSettingsError(f"--budget must be at least 1, got {options.budget}")
     if options.method not in METHOD_NAMES:
         raise InvalidSettingsError(f"--method is '{options.method}', known are {', '.join(METHOD_NAMES)}")
+    MethodSettings(kernel=options.kernel, warp=options.warp, learning=options.learning)
 
 
 def _prepare_directory(options: argparse.Namespace, object_id: str) -> Path:
@@ -119,12 +143,14 @@ def _start_nodes(nodes: NodeGroup, options: argparse.Namespace, directory: Path,
         "space": options.space,
         "facet": options.facet,
         "method": options.method,
+        "kernel": options.kernel,
+        "warp": options.warp,
+        "learning": options.learning,
         "seed": options.seed,
         "budget": options.budget,
         "initial_points": min(options.initial, options.budget),
         "num_solutions": options.size,
-        # In pose space the optimizer's distance would mix metres and radians; there it keeps its own.
-        "min_distance": options.min_distance if options.space == "position" else 0.0,
+        "min_distance": options.min_distance,
         "run_log": str(directory.resolve() / RUN_LOG),
     }
     archive = {

@@ -14,13 +14,14 @@ from mebo_grasp.experiments.job import BATCH_SIZE, BUDGET, N_INITIAL, SEEDS, Job
 from mebo_grasp.experiments.peers import PEER_NAMES, installed_peers
 from mebo_grasp.experiments.plots import plot_found_optima
 from mebo_grasp.experiments.problems import (
-    BATCH_VARIANCE_FUNCTIONS,
+    CLASSIC_FUNCTIONS,
     THESIS_FUNCTIONS,
     get_problem,
     select_problems,
 )
 from mebo_grasp.experiments.progress import say
 from mebo_grasp.experiments.protocol import known_methods, select_methods
+from mebo_grasp.experiments.run_costs import SECONDS, slow_peers
 from mebo_grasp.experiments.runner import Outcome, run_jobs
 from mebo_grasp.experiments.tables import ResultSet, all_tables, legend
 from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD
@@ -42,7 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--methods", nargs="+", default=list(DEFAULT_METHODS), metavar="NAME",
-        help="names, 'default', 'all' or 'peers' (default: default mebo)",
+        help="names, 'default', 'all' (every method of this package and the quick ones of the installed peers), "
+        "'peers' (all that are installed), 'surrogates' (mebo with each) (default: default mebo)",
     )  # fmt: skip
     parser.add_argument(
         "--functions", nargs="+", default=["thesis"], metavar="NAME",
@@ -84,7 +86,8 @@ def plan(args: argparse.Namespace) -> list[Job]:
         raise InvalidSettingsError(f"--seeds must be at least 1, got {args.seeds}")
     if args.batch < 1:
         raise InvalidSettingsError(f"--batch must be at least 1, got {args.batch}")
-    methods = select_methods(args.methods, default_method(), installed_peers())
+    peers = installed_peers()
+    methods = select_methods(args.methods, default_method(), peers, slow_peers(peers))
     problems = [problem.name for problem in select_problems(args.functions)]
     protocol = {"n_initial": args.initial, "batch_size": args.batch}
     jobs: list[Job] = []
@@ -93,7 +96,7 @@ def plan(args: argparse.Namespace) -> list[Job]:
         jobs += make_jobs(methods, [objective], range(args.seeds), budget=_budget(args, name), **protocol)
     if PENALIZATION in methods and set(THESIS_FUNCTIONS) <= set(problems) and not args.transform:
         # Table D.1 belongs to the thesis's set, with functions and a protocol of its own.
-        classics = [Cec2013(name) for name in BATCH_VARIANCE_FUNCTIONS]
+        classics = [Cec2013(name) for name in CLASSIC_FUNCTIONS]
         jobs += make_jobs([PENALIZATION], classics, range(args.seeds), **_BATCH_STUDY)
     return sorted(jobs, key=lambda job: job.seed)
 
@@ -119,9 +122,7 @@ def run(args: argparse.Namespace) -> int:
     """
     try:
         jobs = plan(args)
-        missing = [name for name in PEER_NAMES if name not in installed_peers()]
-        if missing and {"all", "peers"} & set(args.methods):
-            say(f"skipped, not installed (extra [peers]): {', '.join(missing)}", sys.stderr)
+        say_left_out(args.methods, {job.method for job in jobs})
         workers = args.workers if args.workers is not None else os.cpu_count() or 1
         outcome = run_jobs(jobs, args.out, workers)
     except MeboGraspError as error:
@@ -134,6 +135,20 @@ def run(args: argparse.Namespace) -> int:
     for key, message in outcome.failures:
         say(f"failed: {key}: {message}", sys.stderr)
     return 1 if outcome.failures else 0
+
+
+def say_left_out(asked: Sequence[str], chosen: set[str]) -> None:
+    """Name the peers that a group of methods does without, and why."""
+    if not {"all", "peers"} & set(asked):
+        return
+    installed = installed_peers()
+    missing = [name for name in PEER_NAMES if name not in installed]
+    slow = [name for name in slow_peers(installed) if name not in chosen]
+    if missing:
+        say(f"skipped, not installed (extra [peers]): {', '.join(missing)}", sys.stderr)
+    if slow:
+        costs = ", ".join(f"{name} (about {SECONDS[name]:.0f} s a run of {BUDGET})" for name in slow)
+        say(f"left out of 'all' for their cost: {costs}; add 'peers' or their names to run them", sys.stderr)
 
 
 def _report(outcome: Outcome, jobs: Sequence[Job], out: Path) -> None:

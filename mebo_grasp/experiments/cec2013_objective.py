@@ -19,7 +19,7 @@ from mebo_grasp.experiments.metrics import (
 from mebo_grasp.experiments.objective import Evaluator, Objective, Trace, WantedSet, checked_choice
 from mebo_grasp.experiments.problems import (
     ALL_FUNCTIONS,
-    BATCH_VARIANCE_FUNCTIONS,
+    CLASSIC_FUNCTIONS,
     Problem,
     get_classic,
     get_problem,
@@ -70,7 +70,7 @@ class Cec2013(Objective):
         Raises:
             InvalidSettingsError: naming those that are known.
         """
-        checked_choice("problem", self.problem, (*ALL_FUNCTIONS, *BATCH_VARIANCE_FUNCTIONS))
+        checked_choice("problem", self.problem, (*ALL_FUNCTIONS, *CLASSIC_FUNCTIONS))
 
     def make(self, seed: int) -> Problem:
         """Build the function, transformed by the seed if it says so.
@@ -78,7 +78,7 @@ class Cec2013(Objective):
         Raises:
             InvalidSettingsError: the function is unknown.
         """
-        build = get_classic if self.problem in BATCH_VARIANCE_FUNCTIONS else get_problem
+        build = get_classic if self.problem in CLASSIC_FUNCTIONS else get_problem
         problem = build(self.problem)
         return transform(problem, seed) if self.transformed else problem
 

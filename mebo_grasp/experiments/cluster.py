@@ -34,7 +34,7 @@ def dask_pool(address: str) -> PoolFactory:
         )
 
     @contextmanager
-    def open_pool(n_jobs: int) -> Iterator[Executor]:
+    def open_pool(n_jobs: int) -> Iterator[tuple[Executor, int]]:
         del n_jobs
         # Imported here: it takes half a second, and no type is known where it is not installed.
         distributed: Any = import_module("distributed")
@@ -46,6 +46,6 @@ def dask_pool(address: str) -> PoolFactory:
                 "`dask scheduler`, or leave --cluster out"
             ) from error
         with client, client.get_executor(pure=False, retries=0) as executor:
-            yield executor
+            yield executor, max(1, sum(client.nthreads().values()))
 
     return open_pool

@@ -29,6 +29,7 @@ from mebo_grasp.experiments.objective import Objective
 from mebo_grasp.experiments.objectives import make_objective
 from mebo_grasp.experiments.peers import installed_peers
 from mebo_grasp.experiments.protocol import select_methods
+from mebo_grasp.experiments.run_costs import slow_peers
 from mebo_grasp.experiments.scores import METRICS, check_metrics
 from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD
 
@@ -191,7 +192,8 @@ def _jobs_of(part: dict[str, Any], seeds: Sequence[int]) -> Iterable[Job]:
     for key in ("objective", "methods"):
         if not part.get(key):
             raise InvalidSettingsError(f"an experiment needs {key}")
-    methods = select_methods(_names("methods", part["methods"]), DEFAULT_METHOD, installed_peers())
+    peers = installed_peers()
+    methods = select_methods(_names("methods", part["methods"]), DEFAULT_METHOD, peers, slow_peers(peers))
     budget = _count("budget", part.get("budget", BUDGET), 1)
     initial = _count("initial", part.get("initial", N_INITIAL), 0)
     batch = _count("batch", part.get("batch", BATCH_SIZE), 1)

@@ -1,10 +1,13 @@
-"""What an experiment says as it goes: how far it is and how long it will take."""
+"""What the user sees of an experiment under way."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
 from typing import TextIO
+
+from mebo_grasp.experiments.job import Job
+from mebo_grasp.experiments.run_costs import CostEstimate
 
 _REPORT_SECONDS = 15.0
 
@@ -27,36 +30,41 @@ class Progress:
     def __init__(self, total: int, workers: int, stream: TextIO) -> None:
         self._total, self._workers, self._stream = total, workers, stream
         self._begin = self._reported = time.monotonic()
-        self._seconds: dict[str, list[float]] = {}
+        self._costs = CostEstimate()
         self._done = 0
 
-    def finished(self, kind: str, seconds: float) -> None:
-        """Count a run of some kind (a cell of the experiment) and the wall time it took."""
-        self._done += 1
-        self._seconds.setdefault(kind, []).append(seconds)
+    def announce(self, jobs: Sequence[Job]) -> None:
+        """Say what is to come, before any of it has been measured."""
+        seconds = self._costs.total(jobs)
+        left = _clock(seconds / self._workers)
+        self._stream.write(
+            f"{len(jobs)} runs to make, roughly {_clock(seconds)} of CPU time; with {self._workers} workers {left}\n"
+        )
+        self._stream.flush()
 
-    def seconds_left(self, waiting: Sequence[str]) -> float | None:
-        """Estimate from the mean time of each kind's runs so far; None before the first run is done.
+    def finished(self, job: Job, seconds: float | None) -> None:
+        """Count a run that took some wall time; None if it ended in an error, which tells nothing of others."""
+        self._done += 1
+        if seconds is not None:
+            self._costs.finished(job, seconds)
+
+    def seconds_left(self, waiting: Sequence[Job]) -> float:
+        """Estimate from the runs so far, or, before any, from what is known of the methods.
 
         Args:
-            waiting: the kind of each job that is not done.
+            waiting: the jobs that are not done.
         """
-        if not self._seconds:
-            return None
-        means = {kind: sum(times) / len(times) for kind, times in self._seconds.items()}
-        overall = sum(means.values()) / len(means)
-        return sum(means.get(kind, overall) for kind in waiting) / self._workers
+        return self._costs.total(waiting) / self._workers
 
-    def show(self, waiting: Sequence[str], force: bool = False) -> None:
+    def show(self, waiting: Sequence[Job], force: bool = False) -> None:
         """Write the line if it is due."""
         now = time.monotonic()
         if not force and not self._stream.isatty() and now - self._reported < _REPORT_SECONDS:
             return
         self._reported = now
-        left = self.seconds_left(waiting)
         text = (
             f"{self._done}/{self._total} runs, {_clock(now - self._begin)} elapsed, "
-            f"{'-' if left is None else _clock(left)} left"
+            f"about {_clock(self.seconds_left(waiting))} left"
         )
         self._stream.write(f"\r{text:<60}" if self._stream.isatty() else f"{text}\n")
         self._stream.flush()

@@ -22,11 +22,13 @@ class Variant:
         method: name in the registry of methods.
         settings: fields of ``MethodSettings`` that differ from the defaults.
         note: what differs, for the tables' legend.
+        of_surrogate: whether the surrogate differs; such variants are a group of their own, not part of ``all``.
     """
 
     method: str
     settings: dict[str, Any] = field(default_factory=dict)
     note: str = ""
+    of_surrogate: bool = False
 
 
 VARIANTS: dict[str, Variant] = {
@@ -35,6 +37,11 @@ VARIANTS: dict[str, Variant] = {
         {"proportional_selection": True},
         "Metropolis-Hastings on the acquisition itself, as the thesis's code does, not on exp(beta alpha)",
     ),
+    "mebo_se": Variant("mebo", {"kernel": "squared_exponential"}, "squared exponential kernel", True),
+    "mebo_additive": Variant("mebo", {"kernel": "additive_matern52"}, "additive Matérn 5/2 kernel", True),
+    "mebo_warped": Variant("mebo", {"warp": "kumaraswamy"}, "inputs warped", True),
+    "mebo_mcmc": Variant("mebo", {"learning": "mcmc"}, "hyperparameters by slice sampling", True),
+    "mebo_evidence": Variant("mebo", {"kernel": "evidence"}, "structure chosen by evidence", True),
 }
 """Variants beside the methods' defaults; a variant whose method is absent is not offered."""
 
@@ -61,20 +68,26 @@ def known_methods() -> tuple[str, ...]:
     return (*METHOD_NAMES, *variants, *STUDY_NAMES, *PEER_NAMES)
 
 
-def select_methods(names: Iterable[str], default: str, installed_peers: Sequence[str]) -> list[str]:
-    """Expand method names, ``default``, ``all`` and ``peers``, without repeats.
+def select_methods(
+    names: Iterable[str], default: str, installed_peers: Sequence[str], slow_peers: Sequence[str] = ()
+) -> list[str]:
+    """Expand method names, ``default``, ``all``, ``peers`` and ``surrogates``, without repeats.
 
     Args:
         names: what was asked for.
         default: the method that ``default`` stands for.
-        installed_peers: peers that can run here; ``all`` and ``peers`` take these.
+        installed_peers: peers that can run here; ``peers`` takes these.
+        slow_peers: of these, those that ``all`` leaves out.
 
     Raises:
         InvalidSettingsError: a name is unknown.
     """
+    surrogates = tuple(name for name, variant in VARIANTS.items() if variant.of_surrogate)
+    ours = tuple(name for name in known_methods() if name not in (*surrogates, *PEER_NAMES))
     groups = {
-        "all": (*known_methods()[: -len(PEER_NAMES)], *installed_peers),
+        "all": (*ours, *(peer for peer in installed_peers if peer not in slow_peers)),
         "peers": tuple(installed_peers),
+        "surrogates": surrogates,
         "default": (default,),
     }
     chosen: dict[str, None] = {}

@@ -37,8 +37,8 @@ _LOCK_FILE, _SESSION_FILE = ".lock", ".session"
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 Result = dict[str, Any]
-PoolFactory = Callable[[int], AbstractContextManager[Executor]]
-"""Opens what runs jobs, given how many there are."""
+PoolFactory = Callable[[int], AbstractContextManager[tuple[Executor, int]]]
+"""Opens what runs jobs, given how many there are; yields it and how many it runs side by side."""
 
 
 @dataclass
@@ -204,10 +204,10 @@ def local_pool(workers: int) -> PoolFactory:
         raise InvalidSettingsError(f"workers must be at least 1, got {workers}")
 
     @contextmanager
-    def open_pool(n_jobs: int) -> Iterator[Executor]:
+    def open_pool(n_jobs: int) -> Iterator[tuple[Executor, int]]:
         context = multiprocessing.get_context("spawn")
         with _one_thread_each(), ProcessPoolExecutor(min(workers, n_jobs), context, _start_worker) as pool:
-            yield pool
+            yield pool, workers
 
     return open_pool
 
@@ -245,8 +245,9 @@ def run_jobs(
         known = load_results(out)
         to_do = [job for job in jobs if job.key not in known]
         if to_do:
-            with _open_results(out) as stream, pool(len(to_do)) as executor:
-                bar = Progress(len(to_do), workers, progress or sys.stderr)
+            with _open_results(out) as stream, pool(len(to_do)) as (executor, side_by_side):
+                bar = Progress(len(to_do), min(side_by_side, len(to_do)), progress or sys.stderr)
+                bar.announce(to_do)
                 _run_all(to_do, out, executor, stream, bar, known, outcome)
     outcome.results = [known[job.key] for job in jobs if job.key in known]
     return outcome
@@ -305,6 +306,6 @@ def _collect(
             stream.flush()
             known[job.key] = result
         if result["kind"] != "stopped":
-            bar.finished(job.cell, float(result.get("wall_seconds", 0.0)))
-    bar.show([futures[future].cell for future in rest])
+            bar.finished(job, result.get("wall_seconds"))
+    bar.show([futures[future] for future in rest])
     return rest

@@ -6,6 +6,7 @@ The hand approaches the object from +y with its palm facing it and its fingers a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,17 @@ ROTATION_NAMES = ("roll", "pitch", "yaw")
 SLICES = 40
 DEFAULT_ROTATION_SPAN = (0.5, 0.4, 0.7)
 """Half ranges of roll, pitch and yaw about the side approach, radians."""
+
+
+def distance_weights(units: Sequence[str], rotation_weight: float) -> FloatArray:
+    """Return what a unit of each dimension counts in the distance of two candidates, shape (d,).
+
+    Args:
+        units: one a dimension. Metres count fully, and what is no length nor angle (a posture) not at all, as in
+            the distance of two grasps.
+        rotation_weight: metres that a radian counts.
+    """
+    return np.array([{"m": 1.0, "rad": rotation_weight}.get(unit, 0.0) for unit in units])
 
 
 def checked_values(x: npt.ArrayLike, names: tuple[str, ...]) -> FloatArray:

@@ -12,7 +12,7 @@ from mebo_grasp.errors import InvalidSettingsError, RunLogError
 from mebo_grasp.grasp import FloatArray, Pose
 from mebo_grasp.grasping.facet_space import FacetSpace, facet_space
 from mebo_grasp.grasping.hand_model import HandModel
-from mebo_grasp.grasping.pose_space import PoseSpace, pose_space_6d, position_space
+from mebo_grasp.grasping.pose_space import PoseSpace, distance_weights, pose_space_6d, position_space
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.nodes.settings import OptimizerNodeSettings
 from mebo_grasp.optimization.optimizer import Optimizer, OptimizerSettings
@@ -43,7 +43,8 @@ class ExplorationPlan:
     def search_space(self) -> SearchSpace:
         """The box in which the optimizer searches."""
         space = self.pose_space
-        return SearchSpace(space.names, space.lower, space.upper, space.units)
+        weights = distance_weights(space.units, self.settings.rotation_weight)
+        return SearchSpace(space.names, space.lower, space.upper, space.units, weights)
 
     @property
     def optimizer_settings(self) -> OptimizerSettings:
@@ -57,6 +58,9 @@ class ExplorationPlan:
             boltzmann_beta=settings.boltzmann_beta,
             burn_in=settings.burn_in,
             relearn_period=settings.relearn_period,
+            kernel=settings.kernel,
+            warp=settings.warp,
+            learning=settings.learning,
             num_solutions=settings.num_solutions or None,
             min_distance=settings.min_distance or None,
         )
@@ -90,6 +94,7 @@ class ExplorationPlan:
                 ("space", optimizer.space.names == space.names),
                 ("lower_bounds", np.array_equal(optimizer.space.lower, space.lower)),
                 ("upper_bounds", np.array_equal(optimizer.space.upper, space.upper)),
+                ("rotation_weight", np.array_equal(optimizer.space.distance_weights, space.distance_weights)),
             )
             if not same
         ]

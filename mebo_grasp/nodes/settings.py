@@ -8,7 +8,12 @@ from dataclasses import dataclass
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasping.trial import CONTACT_MODELS, QUALITY_NAMES
 from mebo_grasp.nodes.parameters import parameter
-from mebo_grasp.optimization.methods.base import DEFAULT_METHOD
+from mebo_grasp.optimization.methods.base import (
+    DEFAULT_METHOD,
+    KERNEL_NAMES,
+    LEARNING_NAMES,
+    WARP_NAMES,
+)
 from mebo_grasp.solutions.blocking import BlockingRule
 
 OCCLUSION_RULES = tuple(rule.value for rule in BlockingRule)
@@ -69,9 +74,19 @@ class OptimizerNodeSettings:
         250, "Metropolis-Hastings steps discarded, per dimension", least=1, most=1_000_000
     )
     relearn_period: int = parameter(5, "iterations between two learnings of the hyperparameters", least=1)
+    kernel: str = parameter(
+        KERNEL_NAMES[0], f"covariance of all methods but {DEFAULT_METHOD}: {', '.join(KERNEL_NAMES)}"
+    )
+    warp: str = parameter(WARP_NAMES[0], f"learned map of each input before the kernel: {', '.join(WARP_NAMES)}")
+    learning: str = parameter(
+        LEARNING_NAMES[0], f"how the hyperparameters are learned: {', '.join(LEARNING_NAMES)}"
+    )
     num_solutions: int = parameter(0, "number of solutions wanted, for methods that use it; 0: free", least=0)
     min_distance: float = parameter(
-        0.0, "least distance of two solutions in the search space's units; 0: free", least=0.0
+        0.0, "least distance of two solutions [m + weighted rad]; 0: free", least=0.0
+    )
+    rotation_weight: float = parameter(
+        0.05, "metres that one radian of rotation counts in the distance of two solutions", least=0.0
     )
     hands: tuple[str, ...] = parameter(
         ("",), "namespaces of the hands; a candidate goes to <hand>/candidate_pose"

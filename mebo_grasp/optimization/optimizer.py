@@ -241,7 +241,7 @@ class Optimizer:
 
         Args:
             size: largest number; default that of the settings, else the method decides.
-            min_distance: smallest distance between two, real units; default that of the settings.
+            min_distance: smallest distance between two, see ``MethodSettings``; default that of the settings.
 
         Raises:
             InvalidSettingsError: size is below 1 or the distance is not finite and positive.

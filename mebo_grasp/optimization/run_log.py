@@ -201,6 +201,7 @@ class LoggedOptimizer:
             "space": {
                 "names": list(space.names), "units": list(space.units),
                 "lower": space.lower.tolist(), "upper": space.upper.tolist(),
+                "distance_weights": space.distance_weights.tolist(),
             },
             "seed": rng if isinstance(rng, int) else None,
             "rng": rng_state,
@@ -291,7 +292,7 @@ def _from_header(header: dict[str, Any]) -> Optimizer:
         raise RunLogError(f"the run log has settings that this version does not know: {sorted(unknown)}")
     space = SearchSpace(
         tuple(header["space"]["names"]), header["space"]["lower"], header["space"]["upper"],
-        tuple(header["space"]["units"]),
+        tuple(header["space"]["units"]), np.array(header["space"].get("distance_weights", ())),
     )
     return Optimizer(
         space, header["method"], OptimizerSettings(**header["settings"]), _generator(header["rng"])

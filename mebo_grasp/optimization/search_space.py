@@ -27,26 +27,32 @@ class SearchSpace:
         lower: lower bounds, shape (d,), real units.
         upper: upper bounds, shape (d,), real units, each above its lower bound.
         units: one unit a dimension for display, or empty.
+        distance_weights: what a unit of each dimension counts in the distance of two points, shape (d,): 1 for
+            metres and, say, 0.05 for radians gives metres. Default: 1 each.
 
     Raises:
         InvalidSettingsError: no dimension, lengths differ, a name is empty or repeated, a bound is not
-            finite, or a lower bound is not below its upper bound.
+            finite, a lower bound is not below its upper bound, or a weight is negative or not finite, or all are 0.
     """
 
     names: tuple[str, ...]
     lower: FloatArray
     upper: FloatArray
     units: tuple[str, ...] = field(default=())
+    distance_weights: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         names, units = tuple(self.names), tuple(self.units)
         lower, upper = read_only(self.lower), read_only(self.upper)
         self._check_names(names, units)
         self._check_bounds(names, lower, upper)
+        weights = read_only(self.distance_weights if len(self.distance_weights) else np.ones(len(names)))
+        self._check_weights(names, weights)
         object.__setattr__(self, "names", names)
         object.__setattr__(self, "units", units)
         object.__setattr__(self, "lower", lower)
         object.__setattr__(self, "upper", upper)
+        object.__setattr__(self, "distance_weights", weights)
 
     @staticmethod
     def _check_names(names: tuple[str, ...], units: tuple[str, ...]) -> None:
@@ -75,6 +81,17 @@ class SearchSpace:
                     f"lower bound {low} of {name} must be below its upper bound {high}; swap or widen them"
                 )
 
+    @staticmethod
+    def _check_weights(names: tuple[str, ...], weights: FloatArray) -> None:
+        if weights.shape != (len(names),):
+            raise InvalidSettingsError(
+                f"give one distance weight a dimension or none: {len(names)} names, weights of shape {weights.shape}"
+            )
+        if not np.all(np.isfinite(weights) & (weights >= 0.0)) or not np.any(weights > 0.0):
+            raise InvalidSettingsError(
+                f"distance weights must be finite and at least 0, one above 0, got {weights.tolist()}"
+            )
+
     @classmethod
     def unit_cube(cls, dim: int) -> SearchSpace:
         """Return [0, 1]^dim with names x0, x1 and so on."""
@@ -84,6 +101,12 @@ class SearchSpace:
     def dim(self) -> int:
         """Number of dimensions."""
         return len(self.names)
+
+    @property
+    def weighted_sides(self) -> FloatArray:
+        """Lengths of the box's sides, shape (d,), in which distances count: unit-cube points times these."""
+        sides: FloatArray = (self.upper - self.lower) * self.distance_weights
+        return sides
 
     def to_unit(self, x: npt.ArrayLike) -> FloatArray:
         """Map real-unit points, shape (..., d), into the unit cube; points outside the box are clipped."""

@@ -186,6 +186,7 @@ def test_reset_sets_the_log_aside(launch, probe: Probe, status, tmp_path: Path) 
         ({"budget": 3, "initial_points": 9}, "initial_points"),
         ({"budget": 0}, "budget"),
         ({"ucb_beta": -1.0}, "ucb_beta"),
+        ({"kernel": "cubic"}, "additive_matern52"),
         ({"lower_bounds": [0.0, 0.0, 0.0]}, "upper_bounds"),
         ({"lower_bounds": [1.0, 1.0, 1.0], "upper_bounds": [0.0, 0.0, 0.0]}, "bound"),
     ],

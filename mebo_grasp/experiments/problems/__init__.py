@@ -6,13 +6,20 @@ from mebo_grasp.experiments.problems.cec2013 import (
     get_problem,
     select_problems,
 )
-from mebo_grasp.experiments.problems.classic import BATCH_VARIANCE_FUNCTIONS, get_classic
+from mebo_grasp.experiments.problems.classic import (
+    AS_WRITTEN,
+    BATCH_VARIANCE_FUNCTIONS,
+    CLASSIC_FUNCTIONS,
+    get_classic,
+)
 from mebo_grasp.experiments.problems.problem import Problem
 from mebo_grasp.experiments.problems.transformed import transform
 
 __all__ = [
     "ALL_FUNCTIONS",
+    "AS_WRITTEN",
     "BATCH_VARIANCE_FUNCTIONS",
+    "CLASSIC_FUNCTIONS",
     "THESIS_FUNCTIONS",
     "Problem",
     "get_classic",

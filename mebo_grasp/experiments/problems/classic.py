@@ -1,4 +1,4 @@
-"""The three 2-D functions of the thesis's table D.1, negated so that they are maximized.
+"""The three 2-D functions of the thesis's table D.1, negated so that their minima are sought, and as written.
 
 The thesis does not state the boxes. These are the usual ones (Surjanovic and Bingham, "Virtual library
 of simulation experiments"); smaller boxes in use could not hold the printed variances: three points in
@@ -6,6 +6,8 @@ of simulation experiments"); smaller boxes in use could not hold the printed var
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import minimize
@@ -16,7 +18,10 @@ from mebo_grasp.experiments.problems.problem import Problem
 from mebo_grasp.grasp import FloatArray
 
 BATCH_VARIANCE_FUNCTIONS = ("branin", "six_hump_camel_wide", "beale")
-"""The columns of table D.1."""
+"""The columns of table D.1, negated: what is sought are the published minima."""
+AS_WRITTEN = "_as_written"
+"""Suffix of the same functions with their own sign: what is sought are their greatest values, at the box's corners."""
+CLASSIC_FUNCTIONS = (*BATCH_VARIANCE_FUNCTIONS, *(name + AS_WRITTEN for name in BATCH_VARIANCE_FUNCTIONS))
 
 
 def branin(X: FloatArray) -> FloatArray:
@@ -43,30 +48,50 @@ def _branin_optima() -> FloatArray:
 
 
 def get_classic(name: str) -> Problem:
-    """Build ``branin``, ``six_hump_camel_wide`` or ``beale``.
+    """Build one of ``CLASSIC_FUNCTIONS``.
 
     Raises:
         InvalidSettingsError: there is no such function.
     """
-    if name == "branin":
-        at = _branin_optima()
-        return Problem(
-            name,
-            0,
-            2,
-            np.array([-5.0, 0.0]),
-            np.array([10.0, 15.0]),
-            3,
-            float(branin(at)[0]),
-            0.5,
-            branin,
-            at,
-        )
-    if name == "six_hump_camel_wide":
-        box = np.array([3.0, 2.0])
-        function, at = landscapes.six_hump_camel, optima.six_hump_camel()
-        return Problem(name, 0, 2, -box, box, 2, float(function(at)[0]), 0.5, function, at)
-    if name == "beale":
-        box = np.array([4.5, 4.5])
-        return Problem(name, 0, 2, -box, box, 1, 0.0, 0.5, beale, np.array([[3.0, 0.5]]))
-    raise InvalidSettingsError(f"function must be one of {', '.join(BATCH_VARIANCE_FUNCTIONS)}, got {name!r}")
+    if name not in CLASSIC_FUNCTIONS:
+        raise InvalidSettingsError(f"function must be one of {', '.join(CLASSIC_FUNCTIONS)}, got {name!r}")
+    negated = _NEGATED[name.removesuffix(AS_WRITTEN)]()
+    return _as_written(negated) if name.endswith(AS_WRITTEN) else negated
+
+
+def _branin() -> Problem:
+    lower, upper, at = np.array([-5.0, 0.0]), np.array([10.0, 15.0]), _branin_optima()
+    return Problem("branin", 0, 2, lower, upper, 3, float(branin(at)[0]), 0.5, branin, at)
+
+
+def _six_hump_camel() -> Problem:
+    box, at = np.array([3.0, 2.0]), optima.six_hump_camel()
+    value = float(landscapes.six_hump_camel(at)[0])
+    return Problem("six_hump_camel_wide", 0, 2, -box, box, 2, value, 0.5, landscapes.six_hump_camel, at)
+
+
+def _beale() -> Problem:
+    box = np.array([4.5, 4.5])
+    return Problem("beale", 0, 2, -box, box, 1, 0.0, 0.5, beale, np.array([[3.0, 0.5]]))
+
+
+_NEGATED = {"branin": _branin, "six_hump_camel_wide": _six_hump_camel, "beale": _beale}
+_HIGHEST = {
+    "branin": [[-5.0, 0.0]],
+    "six_hump_camel_wide": [[3.0, 2.0], [-3.0, -2.0]],
+    "beale": [[-4.5, -4.5]],
+}
+"""Where each function as written is greatest: corners of its box."""
+
+
+def _as_written(negated: Problem) -> Problem:
+    """The function with its own sign, to be maximized as it stands."""
+
+    def function(X: FloatArray) -> FloatArray:
+        return -negated.function(X)
+
+    at = np.array(_HIGHEST[negated.name])
+    return replace(
+        negated, name=negated.name + AS_WRITTEN, function=function,
+        optima=at, n_optima=len(at), optimum_value=float(function(at)[0]),
+    )  # fmt: skip

@@ -19,8 +19,12 @@ DEFAULT_METHOD = "basin_search"
 """The method of the library, the command line and the node where none is named. It stands here and not in the
 registry because a node's settings need the name without all methods' code."""
 
-KERNEL_NAMES = ("matern52", "squared_exponential")
-LEARNING_NAMES = ("empirical_bayes", "mcmc")
+EVIDENCE, KUMARASWAMY, MCMC = "evidence", "kumaraswamy", "mcmc"
+KERNEL_NAMES = (
+    "matern52", "squared_exponential", "additive_matern52", "additive_squared_exponential", EVIDENCE
+)  # fmt: skip
+WARP_NAMES = ("none", KUMARASWAMY)
+LEARNING_NAMES = ("empirical_bayes", MCMC)
 
 
 @dataclass(frozen=True)
@@ -38,13 +42,17 @@ class MethodSettings:
         proportional_selection: draw in proportion to the acquisition itself, as the thesis's code does.
         relearn_period: iterations from one learning of the hyperparameters to the next (thesis 7.2: 5).
         num_solutions: solutions wanted M, if known.
-        min_distance: Euclidean distance tau at which two solutions count as different, real units.
+        min_distance: distance tau at which two solutions count as different: Euclidean, real units times the
+            space's ``distance_weights``.
         threshold: least value of a good point, for methods that seek all points above one.
-        kernel: covariance function of the methods with one Gaussian process, of ``KERNEL_NAMES``.
-        learning: how those methods learn hyperparameters, of ``LEARNING_NAMES``.
+        kernel: covariance function, of ``KERNEL_NAMES``; ``evidence`` compares all of them, with and without
+            warp, and weighs them by what the data say. For every method with a surrogate but ``basin_search``,
+            which always goes by evidence; so ``warp`` and ``learning``.
+        warp: learned monotone map of each input before the kernel, of ``WARP_NAMES``.
+        learning: how the hyperparameters are learned, of ``LEARNING_NAMES``.
 
     Raises:
-        InvalidSettingsError: a number is out of its range.
+        InvalidSettingsError: a number is out of its range, a name unknown, or two choices contradict.
     """
 
     batch_size: int = 3
@@ -60,6 +68,7 @@ class MethodSettings:
     min_distance: float | None = None
     threshold: float | None = None
     kernel: str = "matern52"
+    warp: str = "none"
     learning: str = "empirical_bayes"
 
     def __post_init__(self) -> None:
@@ -76,11 +85,20 @@ class MethodSettings:
         if self.num_solutions is not None and self.num_solutions < 1:
             raise InvalidSettingsError(f"num_solutions must be at least 1 or unset, got {self.num_solutions}")
         self._check_solutions()
-        for name, known in (("kernel", KERNEL_NAMES), ("learning", LEARNING_NAMES)):
+        self._check_surrogate()
+
+    def _check_surrogate(self) -> None:
+        choices = (("kernel", KERNEL_NAMES), ("warp", WARP_NAMES), ("learning", LEARNING_NAMES))
+        for name, known in choices:
             if getattr(self, name) not in known:
                 raise InvalidSettingsError(
                     f"{name} must be one of {', '.join(known)}, got {getattr(self, name)!r}"
                 )
+        if self.kernel == EVIDENCE and (self.warp, self.learning) != (WARP_NAMES[0], LEARNING_NAMES[0]):
+            raise InvalidSettingsError(
+                f"kernel {EVIDENCE} chooses the warp itself and learns by {LEARNING_NAMES[0]}, got warp "
+                f"{self.warp!r} and learning {self.learning!r}: leave these at their defaults or name a kernel"
+            )
 
     def _check_solutions(self) -> None:
         if self.threshold is not None and not isfinite(self.threshold):
@@ -116,7 +134,7 @@ class Method(Protocol):
         Args:
             observations: what is known.
             size: largest number of points; default ``num_solutions`` of the settings, else the method's own.
-            min_distance: smallest distance between two of them, real units; default that of the settings.
+            min_distance: smallest distance between two of them, see ``MethodSettings``; default that of the settings.
         """
 
     def state(self) -> dict[str, Any]:

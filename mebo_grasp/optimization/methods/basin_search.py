@@ -107,7 +107,7 @@ class BasinSearch(MethodBase):
     def _pick_for_set(self, beliefs: Beliefs, views: list[View]) -> FloatArray:
         """The candidate that promises most for the set of ``num_solutions`` diverse points, refined, shape (d,)."""
         size, distance = self.settings.num_solutions or 1, self.settings.min_distance
-        scale = self.space.upper - self.space.lower if distance is not None else np.ones(self.space.dim)
+        scale = self.space.weighted_sides if distance is not None else np.ones(self.space.dim)
         if distance is None:
             distance = DEFAULT_SHARE * np.sqrt(self.space.dim)
         slots = [

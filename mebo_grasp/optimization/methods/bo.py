@@ -17,7 +17,8 @@ from mebo_grasp.optimization.acquisition.improvement import (
 from mebo_grasp.optimization.acquisition.maximizer import maximize
 from mebo_grasp.optimization.acquisition.thompson import thompson
 from mebo_grasp.optimization.methods.base import MethodSettings
-from mebo_grasp.optimization.methods.common import MethodBase, check_count, make_surrogate, without_repeats
+from mebo_grasp.optimization.methods.common import MethodBase, check_count, without_repeats
+from mebo_grasp.optimization.methods.surrogate_choice import make_surrogate
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.search_space import SearchSpace
 from mebo_grasp.optimization.surrogate.posterior import Posterior

@@ -64,7 +64,7 @@ class ClMebo(EMebo):
         distance = min_distance if min_distance is not None else self.settings.min_distance
         if distance is None:
             return np.ones(self.space.dim), DEFAULT_SHARE * float(np.sqrt(self.space.dim))
-        return self.space.upper - self.space.lower, distance
+        return self.space.weighted_sides, distance
 
     def cluster_batch(
         self, posterior: Posterior, observations: Observations, count: int, rng: np.random.Generator

@@ -12,10 +12,6 @@ from mebo_grasp.optimization.methods.base import IndexArray, MethodSettings
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.search_space import SearchSpace
 from mebo_grasp.optimization.selection.solution_set import DEFAULT_SHARE, greedy_diverse_set
-from mebo_grasp.optimization.surrogate.empirical_bayes import EmpiricalBayesSurrogate
-from mebo_grasp.optimization.surrogate.kernels import MATERN52, SQUARED_EXPONENTIAL
-from mebo_grasp.optimization.surrogate.marginalized import MarginalizedSurrogate
-from mebo_grasp.optimization.surrogate.posterior import Surrogate
 
 SAME_POINT = 1e-9
 """Points closer than this in every coordinate of the unit cube count as the same point."""
@@ -51,7 +47,8 @@ class MethodBase:
             return greedy_diverse_set(
                 observations.U, observations.y, size, DEFAULT_SHARE * np.sqrt(self.space.dim)
             )
-        return greedy_diverse_set(self.space.from_unit(observations.U), observations.y, size, distance)
+        points = self.space.from_unit(observations.U) * self.space.distance_weights
+        return greedy_diverse_set(points, observations.y, size, distance)
 
     def state(self) -> dict[str, Any]:
         """Nothing but the phase."""
@@ -60,14 +57,6 @@ class MethodBase:
     def restore(self, state: dict[str, Any]) -> None:
         """Continue with the phase of ``state``."""
         self._phase = str(state.get("phase", self.name))
-
-
-def make_surrogate(dim: int, settings: MethodSettings) -> Surrogate:
-    """Build the surrogate that the settings ask for: kernel and way of learning."""
-    kernel = {kernel.name: kernel for kernel in (MATERN52, SQUARED_EXPONENTIAL)}[settings.kernel]
-    if settings.learning == "mcmc":
-        return MarginalizedSurrogate(dim, settings.relearn_period, kernel)
-    return EmpiricalBayesSurrogate(dim, settings.relearn_period, kernel)
 
 
 def without_repeats(

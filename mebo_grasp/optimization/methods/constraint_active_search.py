@@ -37,7 +37,7 @@ class ConstraintActiveSearch(SurrogateMethod):
         if self.settings.min_distance is None:
             scale, radius = np.ones(self.space.dim), DEFAULT_SHARE * float(np.sqrt(self.space.dim))
         else:
-            scale, radius = self.space.upper - self.space.lower, self.settings.min_distance
+            scale, radius = self.space.weighted_sides, self.settings.min_distance
         tried = observations.taken
         points = np.empty((0, posterior.dim))
         for _ in range(count):

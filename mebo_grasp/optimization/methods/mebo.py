@@ -13,7 +13,8 @@ from mebo_grasp.optimization.acquisition.base import Acquisition
 from mebo_grasp.optimization.acquisition.confidence_bound import UpperConfidenceBound
 from mebo_grasp.optimization.acquisition.improvement import ExpectedImprovement
 from mebo_grasp.optimization.methods.base import MethodSettings, state_int
-from mebo_grasp.optimization.methods.common import MethodBase, check_count, make_surrogate, without_repeats
+from mebo_grasp.optimization.methods.common import MethodBase, check_count, without_repeats
+from mebo_grasp.optimization.methods.surrogate_choice import make_surrogate
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.search_space import SearchSpace
 from mebo_grasp.optimization.selection.boltzmann import BoltzmannSettings, draw

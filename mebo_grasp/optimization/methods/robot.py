@@ -74,7 +74,7 @@ class Robot(SurrogateMethod):
     def _metric(self) -> tuple[FloatArray, float]:
         if self.settings.min_distance is None:
             return np.ones(self.space.dim), DEFAULT_SHARE * float(np.sqrt(self.space.dim))
-        return self.space.upper - self.space.lower, self.settings.min_distance
+        return self.space.weighted_sides, self.settings.min_distance
 
     def _centre_indices(self, observations: Observations) -> IndexArray:
         scale, distance = self._metric()
@@ -109,8 +109,7 @@ class Robot(SurrogateMethod):
         self, posterior: Posterior, centres: FloatArray, rank: int, rng: np.random.Generator
     ) -> FloatArray:
         """Thompson sample in one region, subject to the distance from the centres before it, shape (d,)."""
-        lengthscales = np.exp(posterior.hyperparameters.theta[: posterior.dim])
-        lower, upper = self._regions[rank].box(centres[rank], lengthscales)
+        lower, upper = self._regions[rank].box(centres[rank], posterior.lengthscales)
         candidates = candidates_in_box(lower, upper, centres[rank], rng)
         scale, distance = self._metric()
         gaps = np.linalg.norm((candidates[:, None] - centres[None, :rank]) * scale, axis=2)

@@ -165,6 +165,11 @@ class GaussianProcess:
         """Standard deviation of the learned observation noise, units of y."""
         return self.scale * float(np.exp(0.5 * self.hyperparameters.log_noise))
 
+    @property
+    def lengthscales(self) -> FloatArray:
+        """Lengthscales, shape (d,): every kernel's parameters begin with their logarithms."""
+        return np.exp(self.hyperparameters.theta[: self.dim])
+
     @cached_property
     def _inverse_factor(self) -> FloatArray:
         inverse, _ = lapack.dtrtri(self.L, lower=1)

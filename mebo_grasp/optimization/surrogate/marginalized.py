@@ -2,104 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from mebo_grasp.errors import RunLogError
-from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess, Hyperparameters, standardize
 from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel
+from mebo_grasp.optimization.surrogate.mixture import MixtureProcess
 from mebo_grasp.optimization.surrogate.relearning import RelearningSchedule
 from mebo_grasp.optimization.surrogate.slice_sampling import SamplingSettings, sample_hyperparameters
-
-
-@dataclass(frozen=True, eq=False)
-class MarginalizedProcess:
-    """Equal mixture of posteriors on the same data; mean and standard deviation are the mixture's.
-
-    Args:
-        members: at least one.
-    """
-
-    members: tuple[GaussianProcess, ...]
-
-    @property
-    def dim(self) -> int:
-        """Number of dimensions."""
-        return self.members[0].dim
-
-    @property
-    def n(self) -> int:
-        """Number of observations."""
-        return self.members[0].n
-
-    @property
-    def U(self) -> FloatArray:  # noqa: N802
-        """Observed points, shape (n, d)."""
-        return self.members[0].U
-
-    @property
-    def centre(self) -> float:
-        """Mean of the observed values."""
-        return self.members[0].centre
-
-    @property
-    def scale(self) -> float:
-        """Standard deviation of the observed values."""
-        return self.members[0].scale
-
-    @property
-    def noise_sd(self) -> float:
-        """Root mean square of the members' noise, units of y."""
-        return float(np.sqrt(np.mean([member.noise_sd**2 for member in self.members])))
-
-    @property
-    def hyperparameters(self) -> Hyperparameters:
-        """Mean of the members' log parameters."""
-        return Hyperparameters.from_vector(
-            np.mean([member.hyperparameters.vector for member in self.members], axis=0)
-        )
-
-    def predict(self, A: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Mean and standard deviation, shape (m,) each, at A, shape (m, d): law of total variance."""
-        parts = [member.predict(A) for member in self.members]
-        means, sds = np.stack([mean for mean, _ in parts]), np.stack([sd for _, sd in parts])
-        return means.mean(axis=0), np.sqrt(np.mean(sds**2, axis=0) + np.var(means, axis=0))
-
-    def predict_mean(self, A: FloatArray) -> FloatArray:
-        """Mean at A, shape (m, d). Returns shape (m,)."""
-        mean: FloatArray = np.mean([member.predict_mean(A) for member in self.members], axis=0)
-        return mean
-
-    def mean_gradient(self, A: FloatArray) -> FloatArray:
-        """Gradient of the mean at A, shape (m, d)."""
-        gradient: FloatArray = np.mean([member.mean_gradient(A) for member in self.members], axis=0)
-        return gradient
-
-    def predict_with_gradients(self, A: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Mean and standard deviation with their gradients; see ``GaussianProcess``."""
-        parts = [member.predict_with_gradients(A) for member in self.members]
-        means, sds, d_means, d_sds = (np.stack([part[i] for part in parts]) for i in range(4))
-        mean = means.mean(axis=0)
-        sd = np.sqrt(np.mean(sds**2, axis=0) + np.var(means, axis=0))
-        d_mean = d_means.mean(axis=0)
-        # Half the derivative of the variance: mean of (sd d_sd + (mean_i - mean) d_mean_i).
-        half = np.mean(sds[..., None] * d_sds + (means - mean)[..., None] * d_means, axis=0)
-        return mean, sd, d_mean, half / sd[:, None]
-
-    def condition_on(self, A: FloatArray, values: FloatArray) -> MarginalizedProcess:
-        """Each member with further points A, shape (m, d), and values, shape (m,)."""
-        return MarginalizedProcess(tuple(member.condition_on(A, values) for member in self.members))
-
-    def sample_path(
-        self, rng: np.random.Generator, n_features: int = 1024
-    ) -> Callable[[FloatArray], FloatArray]:
-        """Draw one function: a member first, then a function of it."""
-        return self.members[int(rng.integers(len(self.members)))].sample_path(rng, n_features)
 
 
 class MarginalizedSurrogate:
@@ -127,7 +40,7 @@ class MarginalizedSurrogate:
         self._sampling = sampling or SamplingSettings()
         self._draws = [Hyperparameters.default(dim, kernel)]
 
-    def update(self, observations: Observations, rng: np.random.Generator) -> MarginalizedProcess:
+    def update(self, observations: Observations, rng: np.random.Generator) -> MixtureProcess:
         """Return the posterior given all values; samples anew when due. To be called once an iteration."""
         due = self._schedule.is_due(observations.y)
         if due:
@@ -137,8 +50,8 @@ class MarginalizedSurrogate:
                 observations.U, z, rng, self._kernel, current, self._sampling
             )
         self._schedule.count(due)
-        return MarginalizedProcess(
-            tuple(GaussianProcess.fit(observations.U, observations.y, h, self._kernel) for h in self._draws)
+        return MixtureProcess.equal(
+            [GaussianProcess.fit(observations.U, observations.y, h, self._kernel) for h in self._draws]
         )
 
     def state(self) -> dict[str, Any]:

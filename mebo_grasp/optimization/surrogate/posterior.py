@@ -9,7 +9,6 @@ import numpy as np
 
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.observations import Observations
-from mebo_grasp.optimization.surrogate.gaussian_process import Hyperparameters
 
 
 class Posterior(Protocol):
@@ -36,8 +35,8 @@ class Posterior(Protocol):
         """Standard deviation of the learned noise."""
 
     @property
-    def hyperparameters(self) -> Hyperparameters:
-        """What was learned."""
+    def lengthscales(self) -> FloatArray:
+        """How far the function stays alike along each axis, shape (d,), sides of the (mapped) cube."""
 
     def predict(self, A: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation, shape (m,) each."""

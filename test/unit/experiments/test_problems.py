@@ -9,6 +9,7 @@ from scipy.optimize import minimize
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.experiments.problems import (
     ALL_FUNCTIONS,
+    AS_WRITTEN,
     BATCH_VARIANCE_FUNCTIONS,
     THESIS_FUNCTIONS,
     Problem,
@@ -183,6 +184,17 @@ def test_classics_have_their_known_optima(name: str) -> None:
     np.testing.assert_allclose(problem(problem.optima), expected, atol=1e-6)
     found = _maxima_by_search(problem, per_axis=201)
     assert len(found) == problem.n_optima
+
+
+@pytest.mark.parametrize("name", BATCH_VARIANCE_FUNCTIONS)
+def test_classics_as_written_are_greatest_at_the_named_corners(name: str) -> None:
+    problem = get_classic(name + AS_WRITTEN)
+    axes = [np.linspace(a, b, 201) for a, b in zip(problem.lower, problem.upper, strict=True)]
+    grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    values = problem(grid)
+    np.testing.assert_array_equal(values, -get_classic(name)(grid))
+    highest = grid[values >= problem.optimum_value - 1e-9 * abs(problem.optimum_value)]
+    assert sorted(map(tuple, highest)) == sorted(map(tuple, problem.optima))
 
 
 @pytest.mark.parametrize("seed", range(3))

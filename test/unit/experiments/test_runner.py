@@ -22,7 +22,6 @@ from mebo_grasp.experiments.acquisition_study import STUDY_NAMES
 from mebo_grasp.experiments.cec2013_objective import Cec2013
 from mebo_grasp.experiments.job import Job, make_jobs
 from mebo_grasp.experiments.problems import Problem
-from mebo_grasp.experiments.progress import Progress
 from mebo_grasp.experiments.run_job import RunStopped, read_trace, run_job
 from mebo_grasp.experiments.runner import RESULTS_FILE, _sole_user, load_results, run_jobs
 from mebo_grasp.grasp import FloatArray
@@ -323,23 +322,3 @@ def test_killed_and_interrupted_benchmarks_continue_to_the_same_traces(tmp_path:
 def test_a_folder_in_use_is_refused(tmp_path: Path) -> None:
     with _sole_user(tmp_path), pytest.raises(RunLogError, match="in use"):
         run_jobs([MEBO], tmp_path, progress=io.StringIO())
-
-
-def test_time_left_weighs_the_methods_by_their_own_runs() -> None:
-    bar = Progress(total=6, workers=2, stream=io.StringIO())
-    assert bar.seconds_left(["slow"]) is None
-    bar.finished("slow", 10.0)
-    bar.finished("slow", 30.0)
-    bar.finished("quick", 2.0)
-    # Two slow runs of 20 s and one quick one of 2 s on two workers; an unseen method takes the mean, 11 s.
-    assert bar.seconds_left(["slow", "slow", "quick"]) == pytest.approx(21.0)
-    assert bar.seconds_left(["unseen"]) == pytest.approx(5.5)
-
-
-def test_progress_names_what_is_done_and_left() -> None:
-    stream = io.StringIO()
-    bar = Progress(total=4, workers=1, stream=stream)
-    bar.finished("a", 3700.0)
-    bar.show(["a"], force=True)
-    assert "1/4 runs" in stream.getvalue()
-    assert "1:01:40 left" in stream.getvalue()

@@ -15,6 +15,7 @@ from mebo_grasp.experiments.cec2013_objective import Cec2013
 from mebo_grasp.experiments.job import Job
 from mebo_grasp.experiments.peers import PEER_NAMES, PeerTask, installed_peers, make_peer
 from mebo_grasp.experiments.plots import padded_curves, plot_found_optima
+from mebo_grasp.experiments.problems import CLASSIC_FUNCTIONS
 from mebo_grasp.experiments.protocol import known_methods, select_methods, settings_of
 from mebo_grasp.experiments.run_job import read_trace, run_job
 from mebo_grasp.experiments.tables import Table, all_tables
@@ -101,9 +102,22 @@ def test_batch_variance_tables_average_the_runs() -> None:
         {**_result("local_penalization", "branin", 1, 1, 3, 1.0), "batch_variance": [1.5, 2.5]},
     ]
     table = _table("Table D.1", results)
-    ours = _row(table, "local_penalization")
-    assert (ours["Branin: x"], ours["Branin: y"], ours["Beale: x"]) == ("1.0000", "2.0000", "-")
+    ours = _row(table, "local_penalization, functions negated")
+    assert (ours["Branin: x"], ours["Branin: y"]) == ("1.0000 ± 0.71", "2.0000 ± 0.71")
+    assert ours["Beale: x"] == "-"
     assert _row(table, "*thesis GPyOpt*")["SixHumpCamel: x"] == "6.6896"
+
+
+def test_table_d1_shows_both_readings_of_its_functions() -> None:
+    results = [
+        _result("local_penalization", "camel", 0, 1, 3, 1.0),
+        {**_result("local_penalization", "beale_as_written", 0, 1, 1, 1.0), "batch_variance": [7.0, 8.0]},
+        _result("local_penalization", "beale", 0, 1, 1, 1.0),
+    ]
+    table = _table("Table D.1", results)
+    assert _row(table, "local_penalization, functions negated")["Beale: x"] == "0.5000 ± 0.00"
+    assert _row(table, "local_penalization, functions as written")["Beale: x"] == "7.0000 ± 0.00"
+    assert _row(table, "*thesis GPyOpt*")["Beale: x"] == "9.9616"
 
 
 def test_markdown_and_text_hold_every_cell() -> None:
@@ -155,8 +169,11 @@ def test_told_distance_beyond_the_thesis_is_half_the_smallest_gap() -> None:
 
 def test_method_groups() -> None:
     assert select_methods(["default", "mebo", "random"], "mebo", ()) == ["mebo", "random"]
-    everything = select_methods(["all"], "mebo", ["cma_bipop"])
-    assert set(everything) == set(known_methods()) - set(PEER_NAMES) | {"cma_bipop"}
+    surrogates = set(select_methods(["surrogates"], "mebo", ()))
+    assert {"mebo_evidence", "mebo_additive", "mebo_mcmc"} <= surrogates
+    everything = select_methods(["all"], "mebo", ["cma_bipop", "skopt"], slow_peers=["skopt"])
+    assert set(everything) == set(known_methods()) - set(PEER_NAMES) - surrogates | {"cma_bipop"}
+    assert "skopt" in select_methods(["all", "peers"], "mebo", ["cma_bipop", "skopt"], slow_peers=["skopt"])
     with pytest.raises(InvalidSettingsError, match="method must be one of"):
         select_methods(["simulated_annealing"], "mebo", ())
 
@@ -221,6 +238,28 @@ def test_plan_has_the_budget_of_each_group_of_functions() -> None:
     assert [job.seed for job in jobs] == sorted(job.seed for job in jobs)
     own = cec2013_command.plan(_arguments("--methods", "random", "--budget", "60"))
     assert {job.budget for job in own} == {60}
+
+
+def test_local_penalization_brings_table_d1_with_its_own_protocol() -> None:
+    jobs = cec2013_command.plan(_arguments("--methods", "local_penalization", "random", "--seeds", "1"))
+    study = [job for job in jobs if job.budget == 150]
+    assert {job.objective.label for job in study} == set(CLASSIC_FUNCTIONS)
+    assert {(job.method, job.n_initial, job.batch_size) for job in study} == {("local_penalization", 15, 3)}
+
+
+def test_slow_peers_are_named_with_their_cost_and_left_out_of_all(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cec2013_command, "installed_peers", lambda: ("skopt", "cma_bipop"))
+    words = ["--methods", "all", "--seeds", "1", "--functions", "himmelblau"]
+    methods = {job.method for job in cec2013_command.plan(_arguments(*words))}
+    assert ("cma_bipop" in methods, "skopt" in methods) == (True, False)
+    cec2013_command.say_left_out(["all"], methods)
+    told = capsys.readouterr().err
+    assert "skopt (about 250 s a run of 250)" in told
+    assert "botorch_qlogei" in told.splitlines()[0]
+    cec2013_command.say_left_out(["all", "peers"], {*methods, "skopt"})
+    assert "cost" not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 
-from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.optimization.methods.base import MethodSettings
 from mebo_grasp.optimization.methods.common import without_repeats
 from mebo_grasp.optimization.methods.mebo import Mebo
 from mebo_grasp.optimization.methods.registry import make_method
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.optimizer import Optimizer, OptimizerSettings
-from mebo_grasp.optimization.run_log import LoggedOptimizer
 from mebo_grasp.optimization.search_space import SearchSpace
 
 SPACE = SearchSpace.unit_cube(2)
@@ -104,26 +102,6 @@ def test_mebo_draws_one_of_three_by_improvement_whatever_the_batch():
         names += [a.name for a in method.acquisitions(known, count)]
         method.propose(known, count, np.random.default_rng(0))
     assert names == ["ei", "ucb", "ucb"] * 4
-
-
-@pytest.mark.parametrize("name", ["mebo", "cl_mebo", "bo", "local_penalization"])
-def test_methods_run_and_resume_with_sampled_hyperparameters(name, tmp_path):
-    settings = OptimizerSettings(
-        budget=20, n_initial=8, burn_in=10, learning="mcmc", kernel="squared_exponential"
-    )
-    run_of = LoggedOptimizer.create(tmp_path / "run.jsonl", SPACE, name, settings, 0)
-    for _ in range(5):
-        for trial in run_of.ask():
-            run_of.tell(trial.id, two_peaks(trial.x))
-    again = LoggedOptimizer.resume(tmp_path / "run.jsonl")
-    assert [t.x.tolist() for t in again.ask()] == [t.x.tolist() for t in run_of.optimizer.ask()]
-
-
-def test_unknown_ways_of_learning_are_refused():
-    with pytest.raises(InvalidSettingsError, match="must be one of"):
-        MethodSettings(learning="guess")
-    with pytest.raises(InvalidSettingsError, match="must be one of"):
-        MethodSettings(kernel="cubic")
 
 
 def test_robot_continues_with_the_region_whose_turn_it_is():

@@ -4,9 +4,9 @@ from scipy.stats import kstest, norm
 
 from mebo_grasp.errors import InvalidSettingsError, RunLogError
 from mebo_grasp.optimization.observations import Observations
-from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess, Hyperparameters, standardize
+from mebo_grasp.optimization.surrogate.gaussian_process import standardize
 from mebo_grasp.optimization.surrogate.hyperparameters import learn
-from mebo_grasp.optimization.surrogate.marginalized import MarginalizedProcess, MarginalizedSurrogate
+from mebo_grasp.optimization.surrogate.marginalized import MarginalizedSurrogate
 from mebo_grasp.optimization.surrogate.slice_sampling import (
     SamplingSettings,
     sample_hyperparameters,
@@ -43,35 +43,6 @@ def test_draws_surround_the_most_probable_hyperparameters():
     best = learn(U, z)[0].vector
     assert np.all(np.abs(vectors[:, :2].mean(axis=0) - best[:2]) < 1.0)
     assert np.all(vectors.std(axis=0) > 0.01)
-
-
-def mixture():
-    U, y = data(15)
-    vectors = ([-1.0, 0.0, 0.0, -9.0], [-2.0, -1.0, 0.5, -7.0])
-    return MarginalizedProcess(
-        tuple(GaussianProcess.fit(U, y, Hyperparameters.from_vector(np.array(v))) for v in vectors)
-    )
-
-
-def test_mixtures_moments_are_those_of_draws_from_it():
-    gp, A = mixture(), np.array([[0.3, 0.9], [0.8, 0.1]])
-    rng = np.random.default_rng(2)
-    draws = np.array([gp.sample_path(rng, 256)(A) for _ in range(3000)])
-    mean, sd = gp.predict(A)
-    assert np.all(np.abs(draws.mean(axis=0) - mean) < 4.5 * sd / np.sqrt(3000))
-    assert np.allclose(draws.std(axis=0), sd, rtol=0.1)
-
-
-def test_mixtures_gradients_against_finite_differences():
-    gp, A = mixture(), np.random.default_rng(3).random((4, 2))
-    mean, sd, d_mean, d_sd = gp.predict_with_gradients(A)
-    steps = np.eye(2) * 1e-6
-    for i, gradient in ((0, d_mean), (1, d_sd)):
-        numeric = [(gp.predict(A + e)[i] - gp.predict(A - e)[i]) / 2e-6 for e in steps]
-        assert np.allclose(gradient, np.transpose(numeric), rtol=1e-4, atol=1e-5)
-    assert np.allclose((mean, sd), gp.predict(A))
-    assert np.allclose(gp.mean_gradient(A), d_mean)
-    assert np.allclose(gp.predict_mean(A), mean)
 
 
 def test_surrogate_keeps_draws_between_samplings_and_in_its_state():
