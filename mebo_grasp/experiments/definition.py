@@ -147,7 +147,11 @@ def make_definition(name: str, content: Mapping[str, Any]) -> Definition:
     for part in _parts(content) or [{}]:
         _check_keys("a part", part, PART_KEYS)
         for job in _jobs_of(_merged(shared, part), seeds):
-            jobs.setdefault(job.key, job)
+            if jobs.setdefault(job.key, job).objective != job.objective:
+                raise InvalidSettingsError(
+                    f"two objectives with other settings have one label, {job.objective.label!r}: let the label show "
+                    "what differs"
+                )
     metrics = content.get("metrics", list(METRICS))
     names = tuple(_names("metrics", metrics))
     check_metrics(names)

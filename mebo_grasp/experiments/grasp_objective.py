@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -76,7 +77,7 @@ class GraspObjective(Objective):
     @property
     def object_name(self) -> str:
         """The object's name in folders and tables."""
-        return self.scene or Path(self.object).stem
+        return self.scene or re.sub(r"[^\w~-]", "_", Path(self.object).stem)
 
     @property
     def thesis_scene(self) -> ThesisScene | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any, get_type_hints
@@ -13,6 +14,9 @@ from mebo_grasp.experiments.grasp_objective import GraspObjective
 from mebo_grasp.experiments.objective import Objective
 
 ENTRY_POINT_GROUP = "mebo_grasp.objectives"
+RESERVED = frozenset({"name", "method", "seed", "budget", "n_initial", "batch_size"})
+"""Names that a setting of an objective cannot have: a run's own."""
+_LABEL = r"[\w.~-]+(/[\w.~-]+)*"
 _BUILTIN: dict[str, type[Objective]] = {"cec2013": Cec2013, "grasp": GraspObjective}
 
 
@@ -64,6 +68,11 @@ def make_objective(name: str, settings: dict[str, Any]) -> Objective:
     """
     kind = objective_type(name)
     known = {item.name: item for item in dataclasses.fields(kind)}
+    taken = RESERVED & known.keys()
+    if taken:
+        raise InvalidSettingsError(
+            f"the objective {name} has a setting {', '.join(sorted(taken))}, which names a part of a run; rename it"
+        )
     for key in settings:
         if key not in known:
             raise InvalidSettingsError(
@@ -80,7 +89,16 @@ def make_objective(name: str, settings: dict[str, Any]) -> Objective:
     hints = get_type_hints(kind)
     objective = kind(**{key: _typed(name, key, value, hints[key]) for key, value in settings.items()})
     objective.check()
+    _check_label(name, objective.label)
     return objective
+
+
+def _check_label(name: str, label: str) -> None:
+    if not re.fullmatch(_LABEL, label) or ".." in label:
+        raise InvalidSettingsError(
+            f"the label of the objective {name} must be made of letters, digits and ._~- with / between folders, "
+            f"got {label!r}"
+        )
 
 
 def _typed(name: str, key: str, value: Any, hint: Any) -> Any:

@@ -157,3 +157,4 @@ def test_settings_that_a_label_does_not_show_tell_folders_apart() -> None:
     ]
     assert len(set(keys)) == len(keys)
     assert key(friction=0.5) == key()
+    assert key(object="my mug.v2.stl").startswith("my_mug_v2/position-object/epsilon-")

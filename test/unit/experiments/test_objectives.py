@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from mebo_grasp.errors import InvalidSettingsError
+from mebo_grasp.experiments.definition import make_definition
 from mebo_grasp.experiments.job import Job, make_jobs
 from mebo_grasp.experiments.objective import Evaluator, Objective, WantedSet, pointwise
 from mebo_grasp.experiments.objectives import make_objective, objective_names
@@ -40,6 +41,24 @@ class Hill(Objective):
     @contextmanager
     def open(self, seed):
         yield Evaluator(SearchSpace(("height",), [0.0], [1.0]), pointwise(lambda x: -abs(x[0] - self.top)))
+
+@dataclass(frozen=True)
+class Nameless(Hill):
+    named: str = ""
+
+    @property
+    def label(self):
+        return f"hill/../{self.named}"
+
+@dataclass(frozen=True)
+class Seeded(Hill):
+    seed: int = 3
+
+@dataclass(frozen=True)
+class Same(Hill):
+    @property
+    def label(self):
+        return "same"
 
 not_an_objective = 3
 """
@@ -106,11 +125,20 @@ def test_an_entry_point_is_an_objective_like_any_other(tmp_path: Path) -> None:
         ("gone", "cannot be loaded"),
         ("no_such_module:Hill", "cannot be loaded: No module named"),
         ("hills_of_test:Mountain", "cannot be loaded"),
+        ("hills_of_test:Nameless", "must be made of letters"),
+        ("hills_of_test:Seeded", "has a setting seed, which names a part of a run"),
     ],
 )
 def test_what_is_no_objective_is_refused(name: str, message: str) -> None:
     with pytest.raises(InvalidSettingsError, match=message):
         make_objective(name, {})
+
+
+@pytest.mark.usefixtures("installed")
+def test_objectives_that_one_label_would_mix_up_are_refused() -> None:
+    content = {"objective": {"name": "hills_of_test:Same", "top": [0.2, 0.4]}, "methods": ["random"]}
+    with pytest.raises(InvalidSettingsError, match="have one label, 'same'"):
+        make_definition("n", content)
 
 
 def test_failed_trials_are_told_and_logged_and_scores_pass_them_over(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from mebo_grasp.experiments.cec2013_objective import Cec2013
 from mebo_grasp.experiments.job import Job, make_jobs
 from mebo_grasp.experiments.problems import Problem
 from mebo_grasp.experiments.run_job import RunStopped, read_trace, run_job
-from mebo_grasp.experiments.runner import RESULTS_FILE, _sole_user, load_results, run_jobs
+from mebo_grasp.experiments.runner import RESULTS_FILE, _sole_user, _work, load_results, run_jobs
 from mebo_grasp.grasp import FloatArray
 
 SMALL: dict[str, Any] = {"budget": 16, "n_initial": 7, "batch_size": 3}
@@ -317,6 +317,20 @@ def test_killed_and_interrupted_benchmarks_continue_to_the_same_traces(tmp_path:
         run_job(job, out)
         run_job(job, tmp_path / "whole")
     assert _traces(out) == _traces(tmp_path / "whole")
+
+
+def test_a_run_of_an_ended_session_stops_and_one_of_the_present_session_goes_on(tmp_path: Path) -> None:
+    (tmp_path / ".session").write_text("present")
+    assert _work(MEBO, tmp_path, "ended")["kind"] == "stopped"
+    assert _work(MEBO, tmp_path, "present")["kind"] == "result"
+
+
+def test_two_workers_do_not_write_one_log(tmp_path: Path) -> None:
+    job = Job("random", HIMMELBLAU, 0, **SMALL)
+    job.log_path(tmp_path).parent.mkdir(parents=True)
+    with run_job_module._sole_writer(job.log_path(tmp_path)), pytest.raises(RunLogError, match="in use"):
+        run_job(job, tmp_path)
+    assert run_job(job, tmp_path)["evaluations"] == 16
 
 
 def test_a_folder_in_use_is_refused(tmp_path: Path) -> None:
