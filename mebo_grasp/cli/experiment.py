@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 
 from mebo_grasp.experiments import cec2013_command, study_command
 from mebo_grasp.experiments.definition import builtin_names
@@ -31,4 +32,5 @@ def run(arguments: argparse.Namespace) -> int:
         cec2013_command.add_arguments(parser)
         return cec2013_command.run(parser.parse_args(arguments.options))
     study_command.add_arguments(parser)
-    return study_command.run(arguments.name, parser.parse_args(arguments.options))
+    command = shlex.join(["mebo-grasp", "experiment", arguments.name, *arguments.options])
+    return study_command.run(arguments.name, parser.parse_args(arguments.options), command)

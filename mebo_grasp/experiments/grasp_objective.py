@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
-from mebo_grasp.errors import InvalidObjectError, InvalidSettingsError
+from mebo_grasp.errors import InvalidSettingsError
+from mebo_grasp.experiments.installed_files import package_folder
 from mebo_grasp.experiments.objective import (
     Evaluator,
     Objective,
@@ -206,18 +206,5 @@ def _bench(objective: GraspObjective) -> _Bench:
 def _target(objective: GraspObjective) -> TargetObject:
     package, colon, file = objective.object.partition(":")
     if colon and not Path(objective.object).exists():
-        return TargetObject.from_file(_package_folder(package) / file, objective.scale)
+        return TargetObject.from_file(package_folder(package) / file, objective.scale)
     return TargetObject.load(objective.object, objective.scale)
-
-
-def _package_folder(package: str) -> Path:
-    """Folder of an installed package, found without importing it."""
-    try:
-        spec = find_spec(package)
-    except ModuleNotFoundError:
-        spec = None
-    if spec is None or spec.origin is None:
-        raise InvalidObjectError(
-            f"the package {package} is not installed; install it or leave its objects out"
-        )
-    return Path(spec.origin).parent

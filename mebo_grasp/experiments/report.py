@@ -44,23 +44,28 @@ class Report:
     pictures: tuple[Path, ...]
 
 
-def write_report(definition: Definition, runs: Sequence[Run], out: Path) -> Report:
+def write_report(definition: Definition, runs: Sequence[Run], out: Path, command: str) -> Report:
     """Write the report of the runs that are finished into a folder.
 
     Args:
         definition: the experiment.
         runs: at least one.
         out: the folder.
+        command: that made it.
     """
     study = make_tables(definition.metrics, runs)
     tables = (*(item.table() for item in study), *_solution_tables(definition, runs))
     plots = _plots(definition, runs, out)
     sets = extreme_sets(runs) if "set" in definition.metrics else []
     drawn = draw_sets([item for item in sets if item.method in PICTURED_METHODS], out / "sets")
+    facts = _facts(definition, runs, command)
     markdown, table_file, page = out / "tables.md", out / "tables.csv", out / "report.html"
-    markdown.write_text(_markdown(definition, runs, tables, [*plots, *drawn], out), encoding="utf-8")
+    markdown.write_text(
+        _markdown(definition, facts, tables, [*plots, *drawn], out),
+        encoding="utf-8",
+    )
     table_file.write_text(csv_text(study), encoding="utf-8")
-    page.write_text(_page(definition, runs, tables, plots, sets), encoding="utf-8")
+    page.write_text(_page(definition, facts, tables, plots, sets), encoding="utf-8")
     return Report(tables, page, markdown, table_file, (*plots, *drawn))
 
 
@@ -88,7 +93,7 @@ def _plots(definition: Definition, runs: Sequence[Run], out: Path) -> list[Path]
     return plots
 
 
-def _facts(definition: Definition, runs: Sequence[Run]) -> list[str]:
+def _facts(definition: Definition, runs: Sequence[Run], command: str) -> str:
     """What was run, as sentences."""
     missing = len(definition.jobs) - len(runs)
     seeds = sorted({run.job.seed for run in runs})
@@ -97,25 +102,27 @@ def _facts(definition: Definition, runs: Sequence[Run]) -> list[str]:
     for run in runs:
         for package, version in run.result["versions"].items():
             versions.setdefault(package, set()).add(version)
-    return [
+    facts = [
         f"{len(runs)} runs"
         + (f"; {missing} of {len(definition.jobs)} are not done" if missing else "")
         + ".",
         f"Seeds {', '.join(map(str, seeds))}.",
         f"The optimizers took {cpu:.0f} CPU seconds in all.",
         "Made with " + ", ".join(f"{name} {' and '.join(sorted(v))}" for name, v in versions.items()) + ".",
+        f"Command: {command}",
     ]
+    return " ".join(facts)
 
 
 def _markdown(
-    definition: Definition, runs: Sequence[Run], tables: Sequence[Table], pictures: Sequence[Path], out: Path
+    definition: Definition, facts: str, tables: Sequence[Table], pictures: Sequence[Path], out: Path
 ) -> str:
     lines = [
         f"# {definition.title}",
         "",
         definition.about,
         "",
-        " ".join(_facts(definition, runs)),
+        facts,
         "",
         LEGEND,
         "",
@@ -127,14 +134,14 @@ def _markdown(
 
 def _page(
     definition: Definition,
-    runs: Sequence[Run],
+    facts: str,
     tables: Sequence[Table],
     plots: Sequence[Path],
     sets: Sequence[ShownSet],
 ) -> str:
     body = [
         f"<p>{html.escape(definition.about)}</p>",
-        f"<p>{html.escape(' '.join(_facts(definition, runs)))}</p>",
+        f"<p>{html.escape(facts)}</p>",
     ]
     body += ["<h2>Tables</h2>", f'<p class="note">{_inline(LEGEND)}</p>', *map(_table_html, tables)]
     body += ["<h2>Plots</h2>" if plots else "", *map(_image_html, plots)]

@@ -50,8 +50,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(name: str, options: argparse.Namespace) -> int:
+def run(name: str, options: argparse.Namespace, command: str) -> int:
     """Run the command; returns the exit code.
+
+    Args:
+        name: of the experiment, or a file.
+        options: as ``add_arguments`` has them.
+        command: the whole command line, for the report.
 
     Raises:
         InvalidSettingsError: a key or value is wrong.
@@ -68,7 +73,7 @@ def run(name: str, options: argparse.Namespace) -> int:
     else:
         pool = dask_pool(options.cluster) if options.cluster else local_pool(workers)
         outcome = run_jobs(definition.jobs, out, workers, pool=pool)
-    _report(definition, outcome, out)
+    _report(definition, outcome, out, command)
     if outcome.interrupted:
         say(f"stopped; the same command continues in {out}", sys.stderr)
         return EXIT_INTERRUPTED
@@ -113,13 +118,13 @@ def _list(definition: Definition, out: Path) -> int:
     return 0
 
 
-def _report(definition: Definition, outcome: Outcome, out: Path) -> None:
+def _report(definition: Definition, outcome: Outcome, out: Path, command: str) -> None:
     """Write the report of the finished runs and print its tables."""
     if not outcome.results:
         return
     jobs = {job.key: job for job in definition.jobs}
     runs = [Run.load(jobs[result["key"]], result, out) for result in outcome.results]
-    report = write_report(definition, runs, out)
+    report = write_report(definition, runs, out, command)
     for table in report.tables:
         say(table.text(), sys.stdout)
     say(f"{LEGEND}\n", sys.stdout)

@@ -65,6 +65,7 @@ def test_methods_share_the_initial_design_of_a_seed(quick: Path) -> None:
 
 def test_tables_plots_and_pictures_are_written(quick: Path) -> None:
     markdown = (quick / "tables.md").read_text(encoding="utf-8")
+    assert "mebo-grasp experiment quick --set budget=40 seeds=2 --workers 2" in markdown
     for title in (
         "Best value",
         "Solution set",
