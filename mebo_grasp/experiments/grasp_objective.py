@@ -22,14 +22,15 @@ from mebo_grasp.experiments.objective import (
     settings_digest,
 )
 from mebo_grasp.experiments.thesis_scenes import (
-    MIN_DISTANCE_MM,
+    MIN_DISTANCE,
     NUM_SOLUTIONS,
+    ROTATION_WEIGHT,
     THESIS_SCENES,
     ThesisScene,
 )
 from mebo_grasp.grasp import FloatArray, Grasp
 from mebo_grasp.grasping.hand_model import HandModel
-from mebo_grasp.grasping.pose_space import PoseSpace, pose_space_6d, position_space
+from mebo_grasp.grasping.pose_space import PoseSpace, distance_weights, pose_space_6d, position_space
 from mebo_grasp.grasping.simulator import GraspSimulator
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.grasping.trial import ENGINE_NAMES, QUALITY_NAMES, EngineName, QualityName, TrialSettings
@@ -37,16 +38,12 @@ from mebo_grasp.optimization.search_space import SearchSpace
 
 SPACES = ("position", "pose")
 BOUNDS = ("thesis", "object")
-MM = 1000.0
 LONGEST_HEAD = 24
 
 
 @dataclass(frozen=True)
 class GraspObjective(Objective):
-    """Quality of the grasp at a pose of the hand's TCP in the object's frame.
-
-    Candidates are in millimetres and radians, not in metres: the thesis counts the distance of two grasps in these
-    (section 7.4), and methods measure distances in the units of the space.
+    """Quality of the grasp at a pose of the hand's TCP in the object's frame, metres and radians.
 
     Args:
         object: a built-in object, a mesh file, or ``package:file`` for a file of an installed package.
@@ -59,7 +56,8 @@ class GraspObjective(Objective):
         engine: "bullet" or "fast".
         friction: coefficient of friction; the Simox metrics know none.
         num_solutions: M; 0 for the thesis's of the object, or 4.
-        min_distance: tau, mm and rad.
+        min_distance: tau, metres.
+        rotation_weight: metres that a radian counts in tau; the thesis's own where nothing is said.
     """
 
     object: str
@@ -72,7 +70,8 @@ class GraspObjective(Objective):
     engine: EngineName = "bullet"
     friction: float = 0.5
     num_solutions: int = 0
-    min_distance: float = MIN_DISTANCE_MM
+    min_distance: float = MIN_DISTANCE
+    rotation_weight: float = ROTATION_WEIGHT
 
     @property
     def object_name(self) -> str:
@@ -117,10 +116,10 @@ class GraspObjective(Objective):
                 f"the thesis has boxes for {', '.join(THESIS_SCENES)}, not for {self.object!r}; say which of them it "
                 "stands for by scene, or set bounds to object"
             )
-        if self.num_solutions < 0 or self.min_distance <= 0.0:
+        if self.num_solutions < 0 or self.min_distance <= 0.0 or self.rotation_weight < 0.0:
             raise InvalidSettingsError(
-                f"num_solutions must be at least 0 and min_distance above 0, got {self.num_solutions} and "
-                f"{self.min_distance}"
+                "num_solutions and rotation_weight must be at least 0 and min_distance above 0, got "
+                f"{self.num_solutions}, {self.rotation_weight} and {self.min_distance}"
             )
 
     def wanted_set(self, seed: int) -> WantedSet:
@@ -148,8 +147,7 @@ class GraspObjective(Objective):
         scene = self.thesis_scene
         if scene is None:
             return {}
-        z = X[:, 2] - MM * _target(self).bounds.mean(axis=0)[2] + scene.center[2]
-        return {"small": (z < scene.small[0]) | (z > scene.small[1]), "large": z < scene.large}
+        return scene.available(X[:, 2], _target(self).bounds.mean(axis=0))
 
     def grasps(self, X: FloatArray) -> tuple[TargetObject, HandModel, list[Grasp]]:
         """Execute candidates once more: the same pose gives the same grasp."""
@@ -163,10 +161,9 @@ class _Bench:
     def __init__(self, objective: GraspObjective) -> None:
         self.target, self.hand = _target(objective), HandModel.load(objective.hand)
         self.poses = _pose_space(objective, self.target, self.hand)
-        scale = self._units = np.array([MM if unit == "m" else 1.0 for unit in self.poses.units])
-        units = tuple("mm" if unit == "m" else unit for unit in self.poses.units)
+        weights = distance_weights(self.poses.units, objective.rotation_weight)
         self.search_space = SearchSpace(
-            self.poses.names, self.poses.lower * scale, self.poses.upper * scale, units
+            self.poses.names, self.poses.lower, self.poses.upper, self.poses.units, weights
         )
         self._settings = TrialSettings(
             friction=objective.friction,
@@ -180,7 +177,7 @@ class _Bench:
         return GraspSimulator(self.target, self.hand, self._settings)
 
     def grasp(self, x: FloatArray) -> Grasp:
-        return self._simulator.trial(self.poses.to_pose(x / self._units))
+        return self._simulator.trial(self.poses.to_pose(x))
 
     def quality(self, x: FloatArray) -> float:
         return self.grasp(x).quality
@@ -191,9 +188,7 @@ def _pose_space(objective: GraspObjective, target: TargetObject, hand: HandModel
     scene = objective.thesis_scene
     if objective.bounds != "thesis" or scene is None:
         return build(target, hand)
-    lower, upper = scene.bounds(objective.space, MM * target.bounds.mean(axis=0))
-    lower[:3], upper[:3] = lower[:3] / MM, upper[:3] / MM
-    return build(target, hand, lower, upper)
+    return build(target, hand, *scene.bounds(objective.space, target.bounds.mean(axis=0)))
 
 
 @lru_cache(maxsize=1)

@@ -82,9 +82,7 @@ def extreme_sets(runs: Sequence[Run]) -> list[ShownSet]:
 
 
 def _worth(run: Run) -> tuple[int, float]:
-    wanted = run.job.objective.wanted_set(run.job.seed)
-    count = set_metrics.diverse_count(run.trace.solutions, wanted.distance)
-    return count, float(np.mean(run.solution_values))
+    return run.diverse, float(np.mean(run.solution_values))
 
 
 def _shown(objective: GraspObjective, method: str, which: str, run: Run) -> ShownSet:

@@ -60,7 +60,8 @@ class WantedSet:
 
     Args:
         size: M, how many solutions.
-        distance: tau, smallest Euclidean distance between two of them, real units of the space; 0 for any.
+        distance: tau, smallest distance between two of them: Euclidean, real units times the space's
+            ``distance_weights``; 0 for any.
     """
 
     size: int = 1

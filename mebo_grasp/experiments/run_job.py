@@ -29,6 +29,7 @@ from mebo_grasp.experiments.protocol import settings_of
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.optimizer import INITIAL_PHASE
 from mebo_grasp.optimization.run_log import LoggedOptimizer, RunLog
+from mebo_grasp.optimization.search_space import SearchSpace
 
 StopCheck = Callable[[], bool]
 RESULT_FORMAT = 1
@@ -161,7 +162,10 @@ def _run_peer(job: Job, evaluator: Evaluator, path: Path, stop: StopCheck) -> tu
         "seed": job.seed,
         "budget": job.budget,
         "versions": versions(job.method),
-        "space": {"names": list(evaluator.space.names)},
+        "space": {
+            "names": list(evaluator.space.names),
+            "distance_weights": evaluator.space.distance_weights.tolist(),
+        },
     }
     log = RunLog.append(path) if resumed else RunLog.create(path, header)
     try:
@@ -181,7 +185,7 @@ def _run_peer(job: Job, evaluator: Evaluator, path: Path, stop: StopCheck) -> tu
             n += len(batch)
     finally:
         log.close()
-    return cpu, resumed, _peer_solutions(job.objective.wanted_set(job.seed), path)
+    return cpu, resumed, _peer_solutions(job.objective.wanted_set(job.seed), evaluator.space, path)
 
 
 def _answer_peer(
@@ -214,14 +218,15 @@ def _answer_peer(
     return np.concatenate([logged_y, fresh])
 
 
-def _peer_solutions(wanted: WantedSet, path: Path) -> FloatArray:
+def _peer_solutions(wanted: WantedSet, space: SearchSpace, path: Path) -> FloatArray:
     """Peers return no set of solutions; the best points that are far enough apart stand for it."""
     X, y, _ = read_trace(path)
     kept: list[int] = []
     for i in np.argsort(-y, kind="stable"):
         if len(kept) == wanted.size:
             break
-        if not kept or np.min(np.linalg.norm(X[kept] - X[i], axis=1)) > wanted.distance:
+        apart = np.linalg.norm((X[kept] - X[i]) * space.distance_weights, axis=1)
+        if not kept or np.min(apart) > wanted.distance:
             kept.append(int(i))
     return X[kept]
 
@@ -257,8 +262,13 @@ def read_trace(path: Path) -> tuple[FloatArray, FloatArray, list[list[int]]]:
     return X, np.array([values[i] for i in ids], dtype=np.float64), batches
 
 
-def space_names(path: Path) -> tuple[str, ...]:
-    """Names of the dimensions from a run log's header; empty where an old log has none."""
+def read_space(path: Path, dim: int) -> tuple[tuple[str, ...], FloatArray]:
+    """Names of the dimensions and their weights in distances, shape (dim,), from a run log's header.
+
+    A log of an earlier version may lack them: then the names are empty, the weights 1.
+    """
     with path.open(encoding="utf-8") as stream:
-        header = json.loads(stream.readline())
-    return tuple(header.get("space", {}).get("names", ()))
+        space = json.loads(stream.readline()).get("space", {})
+    return tuple(space.get("names", ())), np.array(
+        space.get("distance_weights", np.ones(dim)), dtype=np.float64
+    )

@@ -18,7 +18,7 @@ from mebo_grasp.experiments import set_metrics
 from mebo_grasp.experiments.grasp_objective import GraspObjective
 from mebo_grasp.experiments.job import Job
 from mebo_grasp.experiments.objective import Trace
-from mebo_grasp.experiments.run_job import read_trace, space_names
+from mebo_grasp.experiments.run_job import read_space, read_trace
 from mebo_grasp.grasp import FloatArray
 
 RETENTION_RADII_MM = (20, 40, 60)
@@ -36,12 +36,14 @@ class Run:
         result: its line of ``results.jsonl``.
         trace: what it evaluated and returned.
         names: of the space's dimensions.
+        weights: of the dimensions in distances, shape (d,); 1 each if None.
     """
 
     job: Job
     result: dict[str, Any]
     trace: Trace
     names: tuple[str, ...] = ()
+    weights: FloatArray | None = None
 
     @classmethod
     def load(cls, job: Job, result: dict[str, Any], out: Path) -> Run:
@@ -52,7 +54,8 @@ class Run:
         """
         X, y, batches = read_trace(job.log_path(out))
         solutions = np.array(result["solutions"], dtype=np.float64).reshape(-1, X.shape[1])
-        return cls(job, result, Trace(X, y, batches, solutions), space_names(job.log_path(out)))
+        names, weights = read_space(job.log_path(out), X.shape[1])
+        return cls(job, result, Trace(X, y, batches, solutions), names, weights)
 
     @property
     def solution_values(self) -> FloatArray:
@@ -62,6 +65,16 @@ class Run:
             return np.empty(0)
         rows = np.argmin(cdist(trace.solutions, trace.X), axis=1)
         return np.asarray(trace.y[rows])
+
+    @property
+    def diverse(self) -> int:
+        """M_d of the returned set, of its best M where it has more."""
+        wanted = self.job.objective.wanted_set(self.job.seed)
+        return set_metrics.diverse_count(self.weighted(self.trace.solutions[: wanted.size]), wanted.distance)
+
+    def weighted(self, points: FloatArray) -> FloatArray:
+        """Points, shape (n, d), in the unit of distances."""
+        return points if self.weights is None else points * self.weights
 
 
 @dataclass(frozen=True)
@@ -104,9 +117,8 @@ def _set(run: Run) -> dict[str, float]:
     wanted, values = run.job.objective.wanted_set(run.job.seed), run.solution_values
     if wanted.size < 2:
         return {}
-    count = set_metrics.diverse_count(run.trace.solutions[: wanted.size], wanted.distance)
     mean = float(np.mean(values[: wanted.size])) if len(values) else 0.0
-    return {"M_d": float(count), "MGOs": mean}
+    return {"M_d": float(run.diverse), "MGOs": mean}
 
 
 def _occlusion(run: Run) -> dict[str, float]:
@@ -125,7 +137,7 @@ def _retention(run: Run) -> dict[str, float]:
         "archive": (run.trace.X[:, :3], run.trace.y),
     }
     return {
-        f"{name} {radius} mm": set_metrics.retention(positions, y, radius)
+        f"{name} {radius} mm": set_metrics.retention(positions, y, radius / 1000.0)
         for name, (positions, y) in sources.items()
         for radius in RETENTION_RADII_MM
     }
@@ -136,7 +148,7 @@ def _hypervolume(run: Run) -> dict[str, float]:
     if wanted.size < 2 or wanted.distance <= 0.0:
         return {}
     volume = set_metrics.quality_diversity_volume(
-        run.trace.X, run.trace.y, wanted.size, FARTHEST * wanted.distance
+        run.weighted(run.trace.X), run.trace.y, wanted.size, FARTHEST * wanted.distance
     )
     return {"hypervolume": volume}
 

@@ -1,7 +1,8 @@
 """The thesis's grasp scenes (section 7.4): search boxes and occluded heights of its three objects.
 
-The figures are those of the thesis's scene, in millimetres and radians, the hand's TCP in the world's frame. Its
+The figures stand as in the thesis's scene, in millimetres and radians, the hand's TCP in the world's frame. Its
 meshes are not at hand for all objects, so the scene is laid over an object by the centres of their bounding boxes.
+What the methods return is in metres and radians.
 """
 
 from __future__ import annotations
@@ -9,12 +10,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from mebo_grasp.grasp import FloatArray
 
 NUM_SOLUTIONS = 4
-MIN_DISTANCE_MM = 40.0
-"""tau of a set of grasps: the Euclidean distance of two candidates in mm and rad (section 7.4)."""
+MIN_DISTANCE, ROTATION_WEIGHT = 0.04, 0.001
+"""tau of a set of grasps and what a radian counts in it, metres: the thesis takes the Euclidean distance of two
+candidates in its own numbers, 40, so that a radian is one millimetre (section 7.4)."""
+MM = 0.001
 
 
 @dataclass(frozen=True)
@@ -40,19 +44,29 @@ class ThesisScene:
     num_solutions: int = NUM_SOLUTIONS
 
     def bounds(self, space: str, center: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return lower and upper bounds in the frame of an object, mm and rad.
+        """Return lower and upper bounds in the frame of an object, metres and radians.
 
         Args:
             space: "position" or "pose".
-            center: middle of the object's bounding box in its own frame, shape (3,), mm.
+            center: middle of the object's bounding box in its own frame, shape (3,), metres.
         """
         if space == "position":
-            lower, upper = np.array(self.position_lower), np.array(self.position_upper)
+            lower, upper = np.array(self.position_lower, float), np.array(self.position_upper, float)
         else:
-            lower, upper = np.array(self.pose_lower), np.array(self.pose_upper)
-        shift = np.zeros(len(lower))
-        shift[:3] = center - np.array(self.center)
-        return lower + shift, upper + shift
+            lower, upper = np.array(self.pose_lower, float), np.array(self.pose_upper, float)
+        for values in (lower, upper):
+            values[:3] = MM * (values[:3] - np.array(self.center)) + center
+        return lower, upper
+
+    def available(self, heights: FloatArray, center: FloatArray) -> dict[str, npt.NDArray[np.bool_]]:
+        """Return which TCP heights the small and the large occlusion leave (section 7.4.3).
+
+        Args:
+            heights: z of the TCP in the object's frame, shape (n,), metres.
+            center: as in ``bounds``.
+        """
+        z = (heights - center[2]) / MM + self.center[2]
+        return {"small": (z < self.small[0]) | (z > self.small[1]), "large": z < self.large}
 
 
 THESIS_SCENES = {

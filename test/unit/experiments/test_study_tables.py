@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -31,7 +32,7 @@ def _run(
     chosen: Any = (0,),
     **result: Any,
 ) -> Run:
-    points = np.array(X if X is not None else [[0.0, 0.0, 50.0 * k] for k in range(len(y))], dtype=np.float64)
+    points = np.array(X if X is not None else [[0.0, 0.0, 0.05 * k] for k in range(len(y))], dtype=np.float64)
     record = {"resumed": False, "optimizer_cpu_seconds": 2.0, **result}
     trace = Trace(points, np.array(y), [[1, 2]], points[list(chosen)])
     return Run(Job(method, objective, seed), record, trace, ("x", "y", "z"))
@@ -67,16 +68,22 @@ def test_only_what_is_significantly_worse_is_marked() -> None:
 
 def test_sets_are_scored_as_the_thesis_does() -> None:
     # 0, 50, 100 and 120 mm: the last two are nearer than 40 mm and count once.
-    X = [[0.0, 0.0, z] for z in (0.0, 50.0, 100.0, 120.0, 300.0)]
+    X = [[0.0, 0.0, z] for z in (0.0, 0.05, 0.1, 0.12, 0.3)]
     table = _table("set", [_run("cl_mebo", 0, [0.6, 0.5, 0.4, 0.3, 0.9], X=X, chosen=(0, 1, 2, 3))])
     assert table.header == ("method", "bottle: M_d", "MGOs")
     assert _row(table, "cl_mebo") == ("**3.00 ± 0.00 (1)**", "**0.450 ± 0.000 (1)**")
     assert _row(table, "*thesis CL-MEBO*") == ("3.70 ± 0.45", "0.646 ± 0.038")
 
 
+def test_diversity_is_counted_in_weighted_distances() -> None:
+    run = _run("cl_mebo", 0, [0.6, 0.5], X=[[0.0, 0.0, 0.0], [0.0, 0.03, 0.03]], chosen=(0, 1))
+    assert run.diverse == 2
+    assert replace(run, weights=np.array([1.0, 0.1, 1.0])).diverse == 1
+
+
 def test_occlusion_and_retention_by_hand() -> None:
     # The small occlusion blocks -49.8 to 70.2 mm of the built-in bottle, the large one all above -49.8 mm.
-    X = [[0.0, 0.0, z] for z in (0.0, -30.0, -60.0, 80.0)]
+    X = [[0.0, 0.0, z] for z in (0.0, -0.03, -0.06, 0.08)]
     runs = [_run("mebo", 0, [0.8, 0.72, 0.4, 0.6], X=X, chosen=(0, 3))]
     assert _row(_table("occlusion", runs), "mebo") == ("**0.600 ± 0.000 (1)**", "**0.400 ± 0.000 (1)**")
     shares = METRICS["retention"].compute(runs[0])
@@ -98,6 +105,7 @@ def test_acquisition_study_stands_beside_its_own_tables() -> None:
     assert _row(table, "*thesis EI*")[:4] == ("1.000", "1.00", "-", "0.938")
     alone = _table("optima", runs[1:])
     assert _row(alone, "*thesis ROBOT*")[3] == "0.848"
+    assert _row(alone, "*thesis BBO-LP (GPyOpt)*")[3] == "0.084"
     variance = _table("batch_variance", [_run("mebo_ei", 0, [1.0] * 3, Cec2013("himmelblau"))])
     assert _row(variance, "*thesis EI*") == ("0.4110", "0.2840")
 

@@ -1,4 +1,4 @@
-"""Figures that the thesis prints about grasps (tables 7.8 to 7.11), to stand beside ours in its unit."""
+"""Figures that the thesis prints, by objective and column: of grasps (tables 7.8 to 7.11) and of niching functions."""
 
 from __future__ import annotations
 
@@ -68,7 +68,12 @@ _GRASP_COLUMNS = {
 }
 _CEC_TABLES = {
     True: (published.ACQUISITION_1D, published.ACQUISITION_2D),
-    False: (published.METHODS_1D, published.METHODS_2D),
+    False: (
+        published.METHODS_1D,
+        published.METHODS_2D,
+        published.LOCAL_PENALIZATION_1D,
+        published.LOCAL_PENALIZATION_2D,
+    ),
 }
 _CEC_COLUMNS = ("PR", "SR", "CS code", "MGOs")
 
