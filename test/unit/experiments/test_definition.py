@@ -79,7 +79,7 @@ def test_runs_that_parts_have_in_common_are_run_once() -> None:
         ({"batch": 0}, "batch must be a whole number of at least 1"),
         ({"seeds": 0}, "seeds must be a whole number of at least 1"),
         ({"seeds": [1, 1]}, "a list of different ones"),
-        ({"methods": ["simulated_annealing"]}, "method must be one of all, peers, default"),
+        ({"methods": ["simulated_annealing"]}, "method must be one of all, peers"),
         ({"methods": []}, "needs methods"),
         ({"metrics": ["beauty"]}, "metric must be one of best"),
         ({"metrics": 3}, "metrics must be a list of names, got 3"),
