@@ -258,7 +258,7 @@ def read_trace(path: Path) -> tuple[FloatArray, FloatArray, list[list[int]]]:
             values[record["id"]] = float("nan")
     ids = sorted(values)
     dim = max((len(x) for x in points.values()), default=0)
-    X = np.array([points[i] for i in ids], dtype=np.float64).reshape(-1, dim)
+    X = np.array([points[i] for i in ids], dtype=np.float64).reshape(len(ids), dim)
     return X, np.array([values[i] for i in ids], dtype=np.float64), batches
 
 

@@ -179,6 +179,17 @@ def test_a_peers_cut_log_continues_the_same_way(
     assert 16 - told <= len(counted.points) <= 16 - told + 1
 
 
+@pytest.mark.parametrize("method", ["mebo", "golden"])
+def test_a_log_of_a_header_alone_continues(tmp_path: Path, golden_peer: str, method: str) -> None:
+    del golden_peer
+    job = Job(method, HIMMELBLAU, 0, **SMALL)
+    whole = run_job(job, tmp_path)
+    path = job.log_path(tmp_path)
+    path.write_bytes(path.read_bytes().splitlines(keepends=True)[0])
+    assert [len(part) for part in read_trace(path)] == [0, 0, 0]
+    assert run_job(job, tmp_path)["found_values"] == whole["found_values"]
+
+
 def test_a_peer_that_asks_other_points_than_before_is_not_continued(tmp_path: Path, golden_peer: str) -> None:
     job = Job(golden_peer, HIMMELBLAU, 0, **SMALL)
     run_job(job, tmp_path)
