@@ -27,7 +27,8 @@ from mebo_grasp.experiments.objective import Evaluator, Trace, WantedSet
 from mebo_grasp.experiments.peers import PEER_NAMES, Peer, make_peer, peer_packages
 from mebo_grasp.experiments.protocol import settings_of
 from mebo_grasp.grasp import FloatArray
-from mebo_grasp.optimization.optimizer import INITIAL_PHASE
+from mebo_grasp.optimization.methods.base import MethodSettings
+from mebo_grasp.optimization.optimizer import INITIAL_PHASE, Optimizer
 from mebo_grasp.optimization.run_log import LoggedOptimizer, RunLog
 from mebo_grasp.optimization.search_space import SearchSpace
 
@@ -114,10 +115,11 @@ def _run_method(
         path.unlink()
     resumed = path.exists()
     cpu = 0.0
+    method, settings = settings_of(job)
     if resumed:
         optimizer = LoggedOptimizer.resume(path)
+        _check_same_run(optimizer.optimizer, settings, evaluator.space, path)
     else:
-        method, settings = settings_of(job)
         begin = time.process_time()
         optimizer = LoggedOptimizer.create(path, evaluator.space, method, settings, rng=job.seed)
         cpu += time.process_time() - begin
@@ -140,6 +142,19 @@ def _run_method(
     finally:
         optimizer.close()
     return cpu, resumed, solutions
+
+
+def _check_same_run(optimizer: Optimizer, settings: MethodSettings, space: SearchSpace, path: Path) -> None:
+    """Refuse to continue what another objective or other settings began."""
+    same_space = all(
+        np.array_equal(getattr(optimizer.space, what), getattr(space, what))
+        for what in ("names", "lower", "upper", "distance_weights")
+    )
+    if not same_space or optimizer.settings != settings:
+        raise RunLogError(
+            f"{path} was begun with {'other settings' if same_space else 'another search space'}; choose another "
+            "--out, or delete it to run it again"
+        )
 
 
 def _make_peer(job: Job, evaluator: Evaluator) -> Peer:

@@ -79,6 +79,19 @@ def load_results(out: Path) -> dict[str, Result]:
     return results
 
 
+def _check_same_jobs(jobs: Sequence[Job], known: dict[str, Result], out: Path) -> None:
+    """Refuse a folder whose results are of other settings under the same name."""
+    for job in jobs:
+        recorded = known.get(job.key, {}).get("job", {})
+        wanted = json.loads(json.dumps(job.as_dict()))
+        for name in recorded.keys() & wanted.keys():
+            if recorded[name] != wanted[name]:
+                raise RunLogError(
+                    f"{job.key} was run in {out} with {name} {recorded[name]!r}, not {wanted[name]!r}; choose another "
+                    "--out"
+                )
+
+
 def _open_results(out: Path) -> TextIO:
     """Open for appending; what a kill left of a last line is cut off."""
     path = out / RESULTS_FILE
@@ -233,7 +246,7 @@ def run_jobs(
 
     Raises:
         InvalidSettingsError: workers is below 1 or two jobs are the same.
-        RunLogError: the folder is in use by another process, or its results cannot be read.
+        RunLogError: the folder is in use by another process, holds results of other settings, or cannot be read.
     """
     pool = pool or local_pool(workers)
     if len({job.key for job in jobs}) < len(jobs):
@@ -243,6 +256,7 @@ def run_jobs(
     outcome = Outcome()
     with _sole_user(out):
         known = load_results(out)
+        _check_same_jobs(jobs, known, out)
         to_do = [job for job in jobs if job.key not in known]
         if to_do:
             with _open_results(out) as stream, pool(len(to_do)) as (executor, side_by_side):

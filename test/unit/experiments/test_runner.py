@@ -21,7 +21,7 @@ from mebo_grasp.experiments import run_job as run_job_module
 from mebo_grasp.experiments.acquisition_study import STUDY_NAMES
 from mebo_grasp.experiments.cec2013_objective import Cec2013
 from mebo_grasp.experiments.job import Job, make_jobs
-from mebo_grasp.experiments.problems import Problem
+from mebo_grasp.experiments.problems import Problem, get_problem
 from mebo_grasp.experiments.run_job import RunStopped, read_trace, run_job
 from mebo_grasp.experiments.runner import RESULTS_FILE, _sole_user, _work, load_results, run_jobs
 from mebo_grasp.grasp import FloatArray
@@ -334,6 +334,26 @@ def test_a_run_of_an_ended_session_stops_and_one_of_the_present_session_goes_on(
     (tmp_path / ".session").write_text("present")
     assert _work(MEBO, tmp_path, "ended")["kind"] == "stopped"
     assert _work(MEBO, tmp_path, "present")["kind"] == "result"
+
+
+def test_what_other_settings_began_is_not_continued(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run_job(MEBO, tmp_path)
+    monkeypatch.setattr(Cec2013, "told", lambda *_: {"num_solutions": 7})
+    with pytest.raises(RunLogError, match="other settings"):
+        run_job(MEBO, tmp_path)
+    monkeypatch.undo()
+    monkeypatch.setattr(Cec2013, "make", lambda *_: get_problem("vincent_2d"))
+    with pytest.raises(RunLogError, match="another search space"):
+        run_job(MEBO, tmp_path)
+
+
+def test_results_of_other_settings_are_not_taken_for_these(tmp_path: Path) -> None:
+    job = Job("random", HIMMELBLAU, 0, **SMALL)
+    run_jobs([job], tmp_path, progress=io.StringIO())
+    path = tmp_path / RESULTS_FILE
+    path.write_text(path.read_text().replace('"transformed": false', '"transformed": true'))
+    with pytest.raises(RunLogError, match="with transformed True, not False"):
+        run_jobs([job], tmp_path, progress=io.StringIO())
 
 
 def test_two_workers_do_not_write_one_log(tmp_path: Path) -> None:
