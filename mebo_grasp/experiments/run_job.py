@@ -7,13 +7,12 @@ logged values (their own state is not ours to save).
 
 from __future__ import annotations
 
-import fcntl
 import json
 import math
 import platform
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,7 @@ import numpy as np
 from mebo_grasp.errors import InvalidSettingsError, RunLogError
 from mebo_grasp.experiments.acquisition_study import STUDY_NAMES, StudyOptimizer
 from mebo_grasp.experiments.job import Job
+from mebo_grasp.experiments.locks import held
 from mebo_grasp.experiments.objective import Evaluator, Trace, WantedSet
 from mebo_grasp.experiments.peers import PEER_NAMES, Peer, make_peer, peer_packages
 from mebo_grasp.experiments.protocol import settings_of
@@ -90,17 +90,10 @@ def run_job(job: Job, out: Path, stop: StopCheck = lambda: False) -> dict[str, A
     }
 
 
-@contextmanager
-def _sole_writer(path: Path) -> Iterator[None]:
+def _sole_writer(path: Path) -> AbstractContextManager[None]:
     """Hold a run's log: a worker that outlived its experiment may still be at the end of its last batch."""
-    with path.with_suffix(".lock").open("w") as stream:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise RunLogError(
-                f"{path} is in use by another process; say the same command again later"
-            ) from error
-        yield
+    message = f"{path} is in use by another process; say the same command again later"
+    return held(path.with_suffix(".lock"), message)
 
 
 def _is_empty_log(path: Path) -> bool:

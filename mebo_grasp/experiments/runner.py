@@ -10,7 +10,6 @@ Ctrl-C, and a new parent begins one of its own, so that what a dead parent left 
 
 from __future__ import annotations
 
-import fcntl
 import json
 import multiprocessing
 import multiprocessing.connection
@@ -27,16 +26,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
 
-from mebo_grasp.errors import InvalidSettingsError, MeboGraspError, RunLogError
+from mebo_grasp.errors import InvalidSettingsError, MeboGraspError
 from mebo_grasp.experiments.job import Job
+from mebo_grasp.experiments.locks import held
 from mebo_grasp.experiments.progress import Progress
-from mebo_grasp.experiments.run_job import RESULT_FORMAT, RunStopped, run_job
+from mebo_grasp.experiments.results import Result, check_same_jobs, load_results, open_results
+from mebo_grasp.experiments.run_job import RunStopped, run_job
 
-RESULTS_FILE = "results.jsonl"
 _LOCK_FILE, _SESSION_FILE = ".lock", ".session"
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
-Result = dict[str, Any]
 PoolFactory = Callable[[int], AbstractContextManager[tuple[Executor, int]]]
 """Opens what runs jobs, given how many there are; yields it and how many it runs side by side."""
 
@@ -54,54 +53,6 @@ class Outcome:
     results: list[Result] = field(default_factory=list)
     failures: list[tuple[str, str]] = field(default_factory=list)
     interrupted: bool = False
-
-
-def load_results(out: Path) -> dict[str, Result]:
-    """Finished runs of an experiment's folder by the job's key.
-
-    A torn last line and results of another format are left out.
-
-    Raises:
-        RunLogError: a line before the last is not a result.
-    """
-    path = out / RESULTS_FILE
-    if not path.exists():
-        return {}
-    lines = path.read_bytes().split(b"\n")
-    results: dict[str, Result] = {}
-    for number, line in enumerate(lines[:-1], start=1):
-        try:
-            record = json.loads(line)
-            if record["format"] == RESULT_FORMAT:
-                results[str(record["key"])] = record
-        except (ValueError, KeyError, TypeError) as error:
-            raise RunLogError(f"line {number} of {path} is not a result: {error!r}") from error
-    return results
-
-
-def _check_same_jobs(jobs: Sequence[Job], known: dict[str, Result], out: Path) -> None:
-    """Refuse a folder whose results are of other settings under the same name."""
-    for job in jobs:
-        recorded = known.get(job.key, {}).get("job", {})
-        wanted = json.loads(json.dumps(job.as_dict()))
-        for name in recorded.keys() & wanted.keys():
-            if recorded[name] != wanted[name]:
-                raise RunLogError(
-                    f"{job.key} was run in {out} with {name} {recorded[name]!r}, not {wanted[name]!r}; choose another "
-                    "--out"
-                )
-
-
-def _open_results(out: Path) -> TextIO:
-    """Open for appending; what a kill left of a last line is cut off."""
-    path = out / RESULTS_FILE
-    if path.exists():
-        content = path.read_bytes()
-        whole = content.rfind(b"\n") + 1
-        if whole < len(content):
-            with path.open("r+b") as stream:
-                stream.truncate(whole)
-    return path.open("a", encoding="utf-8")
 
 
 def _die_with_parent() -> None:
@@ -137,17 +88,9 @@ def _read_session(out: Path) -> str:
         return ""
 
 
-@contextmanager
-def _sole_user(out: Path) -> Iterator[None]:
+def _sole_user(out: Path) -> AbstractContextManager[None]:
     """Hold the folder: two benchmarks that write the same logs would ruin both."""
-    with (out / _LOCK_FILE).open("w") as stream:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise RunLogError(
-                f"{out} is in use by another process; wait for it or choose another --out"
-            ) from error
-        yield
+    return held(out / _LOCK_FILE, f"{out} is in use by another process; wait for it or choose another --out")
 
 
 @contextmanager
@@ -256,10 +199,10 @@ def run_jobs(
     outcome = Outcome()
     with _sole_user(out):
         known = load_results(out)
-        _check_same_jobs(jobs, known, out)
+        check_same_jobs(jobs, known, out)
         to_do = [job for job in jobs if job.key not in known]
         if to_do:
-            with _open_results(out) as stream, pool(len(to_do)) as (executor, side_by_side):
+            with open_results(out) as stream, pool(len(to_do)) as (executor, side_by_side):
                 bar = Progress(len(to_do), min(side_by_side, len(to_do)), progress or sys.stderr)
                 bar.announce(to_do)
                 _run_all(to_do, out, executor, stream, bar, known, outcome)

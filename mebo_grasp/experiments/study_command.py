@@ -16,7 +16,8 @@ from mebo_grasp.experiments.cluster import dask_pool
 from mebo_grasp.experiments.definition import Definition, load_definition
 from mebo_grasp.experiments.progress import say
 from mebo_grasp.experiments.report import write_report
-from mebo_grasp.experiments.runner import Outcome, load_results, local_pool, run_jobs
+from mebo_grasp.experiments.results import load_results
+from mebo_grasp.experiments.runner import Outcome, local_pool, run_jobs
 from mebo_grasp.experiments.scores import Run
 from mebo_grasp.experiments.study_tables import LEGEND
 

@@ -13,8 +13,9 @@ import pytest
 from mebo_grasp.experiments.cec2013_objective import Cec2013
 from mebo_grasp.experiments.cluster import dask_pool
 from mebo_grasp.experiments.job import Job, make_jobs
+from mebo_grasp.experiments.results import RESULTS_FILE
 from mebo_grasp.experiments.run_job import read_trace
-from mebo_grasp.experiments.runner import RESULTS_FILE, run_jobs
+from mebo_grasp.experiments.runner import run_jobs
 
 distributed = pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
 

@@ -22,8 +22,9 @@ from mebo_grasp.experiments.acquisition_study import STUDY_NAMES
 from mebo_grasp.experiments.cec2013_objective import Cec2013
 from mebo_grasp.experiments.job import Job, make_jobs
 from mebo_grasp.experiments.problems import Problem, get_problem
+from mebo_grasp.experiments.results import RESULTS_FILE, load_results
 from mebo_grasp.experiments.run_job import RunStopped, read_trace, run_job
-from mebo_grasp.experiments.runner import RESULTS_FILE, _sole_user, _work, load_results, run_jobs
+from mebo_grasp.experiments.runner import _sole_user, _work, run_jobs
 from mebo_grasp.grasp import FloatArray
 
 SMALL: dict[str, Any] = {"budget": 16, "n_initial": 7, "batch_size": 3}

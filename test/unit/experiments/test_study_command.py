@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from mebo_grasp.cli.main import main
-from mebo_grasp.experiments.runner import RESULTS_FILE
+from mebo_grasp.experiments.results import RESULTS_FILE
 
 REPOSITORY = Path(__file__).resolve().parents[3]
 DOCS = (REPOSITORY / "docs" / "experiments.md").read_text(encoding="utf-8")
