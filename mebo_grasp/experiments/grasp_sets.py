@@ -17,7 +17,7 @@ from mebo_grasp.grasp_page import coarse_mesh
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.rendering import HAND_COLORS, Panel, compose_panels, draw_panel, view_direction
 from mebo_grasp.grasping.target_object import TargetObject
-from mebo_grasp.solutions.page import COLORS, Mesh, contact_lines, encode_mesh
+from mebo_grasp.solutions.page import COLORS, Mesh, contact_lines, encode_mesh, grasp_numbers
 
 MOST_OBJECT_FACES = 20_000
 _DIGITS = 5
@@ -145,9 +145,8 @@ def _grasp_entry(hand: HandModel, grasp: Grasp, color: tuple[float, float, float
     placed = [np.round(T @ shape.T_tcp_shape.matrix, _DIGITS) for shape in hand.link_geometry(posture)]
     return {
         "quality": grasp.quality,
-        "position": grasp.T_object_tcp.position.tolist(),
-        "contacts": len(grasp.contacts),
-        "title": f"epsilon {grasp.epsilon:.4f}, roll pitch yaw {np.round(grasp.T_object_tcp.rpy, 3).tolist()} rad",
+        "numbers": grasp_numbers(grasp),
+        "title": f"{'' if grasp.force_closure else 'no '}force closure",
         "color": color,
         "transforms": [matrix[:3].ravel().tolist() for matrix in placed],
         "lines": contact_lines(grasp),

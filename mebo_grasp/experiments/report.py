@@ -19,7 +19,7 @@ from mebo_grasp.experiments.plots import plot_found_optima
 from mebo_grasp.experiments.scores import Run
 from mebo_grasp.experiments.study_plots import plot_best_values
 from mebo_grasp.experiments.study_tables import LEGEND, csv_text, make_tables, solution_table
-from mebo_grasp.experiments.tables import Table
+from mebo_grasp.experiments.table import Table
 from mebo_grasp.solutions.page import page_template
 
 PICTURED_METHODS = ("basin_search", "cl_mebo", "robot")

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 
 from mebo_grasp.experiments.acquisition_study import STUDY_NAMES
 from mebo_grasp.experiments.objective import Objective
+from mebo_grasp.experiments.published import THESIS_ROW
 from mebo_grasp.experiments.published_figures import Printed, printed_figures
 from mebo_grasp.experiments.scores import METRICS, Column, Run
 from mebo_grasp.experiments.statistics import LEVEL, against_best, mean_sd
-from mebo_grasp.experiments.tables import THESIS_ROW, Table
+from mebo_grasp.experiments.table import Table
 
 NONE, WORSE = "-", " †"
 MOST_OBJECTIVE_COLUMNS = 6

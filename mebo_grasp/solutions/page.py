@@ -159,16 +159,29 @@ def _grasp(stamped: StampedGrasp, hand: Mesh, color: tuple[float, float, float])
     grasp = stamped.grasp
     return {
         "quality": grasp.quality,
-        "position": grasp.T_object_tcp.position.tolist(),
-        "contacts": len(grasp.contacts),
+        "numbers": grasp_numbers(grasp),
         "title": (
-            f"stamp {stamped.stamp_ns} ns, epsilon {grasp.epsilon:.4f}, volume {grasp.volume:.4g}, "
-            f"isotropy {grasp.isotropy:.3f}, xyzw {np.round(grasp.T_object_tcp.quaternion_xyzw, 4).tolist()}"
+            f"stamp {stamped.stamp_ns} ns, {'' if grasp.force_closure else 'no '}force closure, "
+            f"xyzw {np.round(grasp.T_object_tcp.quaternion_xyzw, 4).tolist()}"
         ),
         "color": color,
         "hand": encode_mesh(hand),
         "lines": contact_lines(grasp),
     }
+
+
+def grasp_numbers(grasp: Grasp) -> list[str]:
+    """Return a grasp's row of the page's table."""
+    pose = grasp.T_object_tcp
+    return [
+        f"{grasp.quality:.4f}",
+        f"{grasp.epsilon:.4f}",
+        f"{grasp.volume:.2e}",
+        f"{grasp.isotropy:.3f}",
+        str(len(grasp.contacts)),
+        ", ".join(f"{1000 * value:.1f}" for value in pose.position),
+        ", ".join(f"{value:.1f}" for value in np.degrees(pose.rpy)),
+    ]
 
 
 def contact_lines(grasp: Grasp) -> list[list[float]]:

@@ -38,15 +38,41 @@ METHOD_NAMES: tuple[str, ...] = tuple(_METHODS)
 """Names that ``make_method`` knows."""
 
 
-__all__ = ["DEFAULT_METHOD", "METHOD_NAMES", "make_method"]
+WITHOUT_CHOICE = {
+    BasinSearch.name: "chooses its surrogate by evidence",
+    RandomSearch.name: "has no surrogate",
+    SobolSearch.name: "has no surrogate",
+}
+"""Methods whose surrogate the settings do not name, and why."""
+
+__all__ = ["DEFAULT_METHOD", "METHOD_NAMES", "check_method", "make_method"]
+
+
+def check_method(name: str, settings: MethodSettings) -> None:
+    """Refuse an unknown method, and a surrogate named for a method that would ignore it.
+
+    Raises:
+        InvalidSettingsError: either is the case.
+    """
+    if name not in _METHODS:
+        raise InvalidSettingsError(f"unknown method {name!r}; choose one of: {', '.join(METHOD_NAMES)}")
+    if name not in WITHOUT_CHOICE:
+        return
+    usual = MethodSettings()
+    for choice in ("kernel", "warp", "learning"):
+        if getattr(settings, choice) != getattr(usual, choice):
+            raise InvalidSettingsError(
+                f"{choice} is {getattr(settings, choice)!r}, but {name} {WITHOUT_CHOICE[name]}: "
+                f"leave {choice} at {getattr(usual, choice)!r} or take another method"
+            )
 
 
 def make_method(name: str, space: SearchSpace, settings: MethodSettings | None = None) -> Method:
     """Build the method called ``name``.
 
     Raises:
-        InvalidSettingsError: no method has this name.
+        InvalidSettingsError: no method has this name, or it would ignore the surrogate that the settings name.
     """
-    if name not in _METHODS:
-        raise InvalidSettingsError(f"unknown method {name!r}; choose one of: {', '.join(METHOD_NAMES)}")
-    return _METHODS[name](space, settings or MethodSettings())
+    settings = settings or MethodSettings()
+    check_method(name, settings)
+    return _METHODS[name](space, settings)

@@ -17,7 +17,7 @@ from mebo_grasp.experiments.objective import Objective, Trace
 from mebo_grasp.experiments.scores import METRICS, Run
 from mebo_grasp.experiments.study_plots import mean_curves
 from mebo_grasp.experiments.study_tables import CSV_HEADER, csv_text, make_tables, solution_table
-from mebo_grasp.experiments.tables import Table
+from mebo_grasp.experiments.table import Table
 
 BOTTLE = GraspObjective("bottle", quality="simox_epsilon", bounds="thesis")
 NAN = float("nan")
