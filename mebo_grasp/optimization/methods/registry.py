@@ -7,7 +7,7 @@ from collections.abc import Callable
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.optimization.methods.base import DEFAULT_METHOD, Method, MethodSettings
 from mebo_grasp.optimization.methods.basin_search import BasinSearch
-from mebo_grasp.optimization.methods.bo import BoEi, BoPi, BoThompson, BoUcb
+from mebo_grasp.optimization.methods.bo import BoEi, BoPi, BoThompson, BoUcb, Ubo
 from mebo_grasp.optimization.methods.cl_mebo import ClMebo
 from mebo_grasp.optimization.methods.constraint_active_search import ConstraintActiveSearch
 from mebo_grasp.optimization.methods.e_mebo import EMebo
@@ -27,6 +27,7 @@ _METHODS: dict[str, Callable[[SearchSpace, MethodSettings], Method]] = {
     BoPi.name: BoPi,
     BoUcb.name: BoUcb,
     BoThompson.name: BoThompson,
+    Ubo.name: Ubo,
     LocalPenalization.name: LocalPenalization,
     Robot.name: Robot,
     ConstraintActiveSearch.name: ConstraintActiveSearch,
@@ -37,16 +38,25 @@ _METHODS: dict[str, Callable[[SearchSpace, MethodSettings], Method]] = {
 METHOD_NAMES: tuple[str, ...] = tuple(_METHODS)
 """Names that ``make_method`` knows."""
 
+WITHOUT_SURROGATE = (RandomSearch.name, SobolSearch.name)
+"""Methods that believe nothing of points that were not tried, so no run of theirs is safe."""
 
-__all__ = ["DEFAULT_METHOD", "METHOD_NAMES", "make_method"]
+
+__all__ = ["DEFAULT_METHOD", "METHOD_NAMES", "WITHOUT_SURROGATE", "make_method"]
 
 
 def make_method(name: str, space: SearchSpace, settings: MethodSettings | None = None) -> Method:
     """Build the method called ``name``.
 
     Raises:
-        InvalidSettingsError: no method has this name.
+        InvalidSettingsError: no method has this name, or it cannot do what the settings ask for.
     """
     if name not in _METHODS:
         raise InvalidSettingsError(f"unknown method {name!r}; choose one of: {', '.join(METHOD_NAMES)}")
-    return _METHODS[name](space, settings or MethodSettings())
+    settings = settings or MethodSettings()
+    if settings.safe and name in WITHOUT_SURROGATE:
+        raise InvalidSettingsError(
+            f"method {name} has no surrogate, so it cannot tell what to expect under input noise: "
+            "leave 'safe' off or choose another method"
+        )
+    return _METHODS[name](space, settings)
