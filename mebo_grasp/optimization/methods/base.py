@@ -63,6 +63,8 @@ class MethodSettings:
         tree_weight_power: k in the weights (2 / (1 + depth difference))^k of the likelihoods along a region's path to
             the root; None for infinity, its own observations alone.
         particles: draws m of the hyperparameters, for ``learning: mcmc``.
+        improvement_margin: what ``bo`` and ``ubo`` want to improve on the best value by, standard deviations of the
+            values (UBO paper's code: 0.01); 0 refines one summit for long before it looks for another.
 
     Raises:
         InvalidSettingsError: a number is out of its range, a name unknown, or two choices contradict.
@@ -89,6 +91,7 @@ class MethodSettings:
     min_leaf: int = 20
     tree_weight_power: float | None = None
     particles: int = 10
+    improvement_margin: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("batch_size", "budget", "burn_in", "chains", "relearn_period"):
@@ -132,6 +135,10 @@ class MethodSettings:
         if self.min_leaf < 2 or self.particles < 1:
             raise InvalidSettingsError(
                 f"need min_leaf >= 2 and particles >= 1, got {self.min_leaf} and {self.particles}"
+            )
+        if not 0.0 <= self.improvement_margin < float("inf"):
+            raise InvalidSettingsError(
+                f"improvement_margin must be finite and at least 0, got {self.improvement_margin}"
             )
         if self.tree_weight_power is not None and not 0.0 <= self.tree_weight_power < float("inf"):
             raise InvalidSettingsError(

@@ -125,7 +125,8 @@ class GreedyOptimization(SurrogateMethod):
             return OnPosterior(LogProbabilityOfImprovement(incumbent + 0.01 * posterior.scale), posterior)
         if self.acquisition == "ucb":
             return OnPosterior(UpperConfidenceBound(self.settings.ucb_beta), posterior)
-        return OnPosterior(LogExpectedImprovement(incumbent), posterior)
+        margin = self.settings.improvement_margin * posterior.scale
+        return OnPosterior(LogExpectedImprovement(incumbent + margin), posterior)
 
 
 class BoEi(GreedyOptimization):

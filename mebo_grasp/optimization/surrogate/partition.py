@@ -1,14 +1,15 @@
 """How the unit cube is divided among Gaussian processes: recursive axis-parallel splits (UBO paper, section III-B).
 
 A node is split at a coordinate of one of its observations so that the sum of squared deviations from the mean
-falls most (eq. 4 and 5, times the number of observations, which changes no choice). The observation at which a split lies
-belongs to both sides, so that neither is uncertain there.
+falls most (eq. 4 and 5, times the number of observations, which changes no choice). The observation at which a
+split lies belongs to both sides, so that neither is uncertain there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -154,7 +155,7 @@ def path_parts(
     if power is None:
         return [(path[0].members, 1.0)]
     parts = [(path[0].members, 2.0**power)]
-    for below, node in zip(path, path[1:], strict=False):
+    for below, node in pairwise(path):
         rest = np.setdiff1d(node.members, below.members, assume_unique=True)
         parts.append((rest, (2.0 / (1.0 + path[0].depth - node.depth)) ** power))
     return parts
