@@ -15,6 +15,7 @@ from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.pose_space import PoseSpace, distance_weights, pose_space_6d, position_space
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.nodes.settings import OptimizerNodeSettings
+from mebo_grasp.optimization.input_noise import InputNoise
 from mebo_grasp.optimization.optimizer import Optimizer, OptimizerSettings
 from mebo_grasp.optimization.run_log import LoggedOptimizer
 from mebo_grasp.optimization.search_space import SearchSpace
@@ -47,6 +48,14 @@ class ExplorationPlan:
         return SearchSpace(space.names, space.lower, space.upper, space.units, weights)
 
     @property
+    def input_noise(self) -> InputNoise:
+        """How far an executed pose may be from the chosen one."""
+        metres, radians = self.settings.input_noise_position, self.settings.input_noise_rotation
+        if metres > 0.0 or radians > 0.0:
+            return InputNoise.of_pose(metres, radians)
+        return InputNoise((self.settings.input_noise,))
+
+    @property
     def optimizer_settings(self) -> OptimizerSettings:
         """The optimizer's own settings."""
         settings = self.settings
@@ -61,6 +70,11 @@ class ExplorationPlan:
             kernel=settings.kernel,
             warp=settings.warp,
             learning=settings.learning,
+            surrogate=settings.surrogate,
+            min_leaf=settings.min_leaf,
+            particles=settings.particles,
+            safe=settings.safe,
+            input_noise=self.input_noise,
             num_solutions=settings.num_solutions or None,
             min_distance=settings.min_distance or None,
         )

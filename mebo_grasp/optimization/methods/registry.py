@@ -15,11 +15,12 @@ from mebo_grasp.optimization.methods.local_penalization import LocalPenalization
 from mebo_grasp.optimization.methods.mebo import Mebo
 from mebo_grasp.optimization.methods.random_search import RandomSearch
 from mebo_grasp.optimization.methods.robot import Robot
+from mebo_grasp.optimization.methods.safe_basin_search import SafeBasinSearch
 from mebo_grasp.optimization.methods.sobol_search import SobolSearch
 from mebo_grasp.optimization.search_space import SearchSpace
 
 _METHODS: dict[str, Callable[[SearchSpace, MethodSettings], Method]] = {
-    BasinSearch.name: BasinSearch,
+    BasinSearch.name: lambda space, settings: (SafeBasinSearch if settings.safe else BasinSearch)(space, settings),
     Mebo.name: Mebo,
     EMebo.name: EMebo,
     ClMebo.name: ClMebo,

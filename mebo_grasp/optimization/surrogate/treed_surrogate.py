@@ -32,6 +32,9 @@ class TreeSettings:
         min_leaf: observations of a leaf, at least.
         weight_power: k of the weights along the path to the root; None for infinity.
         sampling: draws of the hyperparameters by slice sampling; None for the most probable ones.
+        half_range_signal: whether the signal's standard deviation is half the range of all values in every leaf (the
+            UBO paper's worst case, its footnote 4), not learned. A leaf whose few values are alike would else be
+            sure that nothing better lies in it. For stationary kernels.
 
     Raises:
         InvalidSettingsError: a number is out of its range.
@@ -40,6 +43,7 @@ class TreeSettings:
     min_leaf: int = 20
     weight_power: float | None = None
     sampling: SamplingSettings | None = None
+    half_range_signal: bool = True
 
     def __post_init__(self) -> None:
         if self.min_leaf < 2:
@@ -119,7 +123,7 @@ class TreedSurrogate:
             if self._schedule.has_learned:
                 overlaps = [_overlap(path[0], other) for other in before]
                 known = self._draws[int(np.argmax(overlaps))][-1]
-            draws.append(self._learned(self._parts(path, observations.U, z), known, rng))
+            draws.append(self._learned(self._parts(path, observations.U, z), known, self._signal(z), rng))
         self._draws = draws
 
     def _parts(self, path: tuple[Node, ...], U: FloatArray, z: FloatArray) -> list[Part]:
@@ -132,10 +136,17 @@ class TreedSurrogate:
             parts.append(Part(np.ascontiguousarray(U[kept]), z[kept], weight))
         return parts
 
+    def _signal(self, z: FloatArray) -> float | None:
+        return 0.25 * float(np.ptp(z)) ** 2 if self._settings.half_range_signal else None
+
     def _learned(
-        self, parts: list[Part], known: Hyperparameters | None, rng: np.random.Generator
+        self,
+        parts: list[Part],
+        known: Hyperparameters | None,
+        signal: float | None,
+        rng: np.random.Generator,
     ) -> list[Hyperparameters]:
-        density = WeightedPosterior(parts, self._kernel)
+        density = WeightedPosterior(parts, self._kernel, signal)
         median = density.prior.mean
         if self._settings.sampling is None:
             return [density.most_probable([median] if known is None else [known.vector, median])]

@@ -16,7 +16,7 @@ from mebo_grasp.optimization.surrogate.gaussian_process import (
     log_marginal_likelihood_and_gradient,
 )
 from mebo_grasp.optimization.surrogate.hyperparameters import full_prior
-from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel
+from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel, StationaryKernel
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +42,18 @@ class WeightedPosterior:
     Args:
         parts: observations with weights; the region's own first.
         kernel: covariance function.
+        signal_variance: that of standardized values, if it is not to be learned; for stationary kernels.
     """
 
-    def __init__(self, parts: Sequence[Part], kernel: Kernel = MATERN52) -> None:
+    def __init__(
+        self, parts: Sequence[Part], kernel: Kernel = MATERN52, signal_variance: float | None = None
+    ) -> None:
         self._parts = [part for part in parts if len(part.z) and part.weight > 0.0]
         self._kernel = kernel
-        self.prior = full_prior(parts[0].U.shape[1], kernel)
+        dim = parts[0].U.shape[1]
+        self.prior = full_prior(dim, kernel)
+        if signal_variance is not None and isinstance(kernel, StationaryKernel):
+            self.prior = self.prior.with_known(dim, float(np.log(signal_variance)))
 
     def __call__(self, vector: FloatArray) -> float:
         """Log density of (theta, log noise), shape (p + 1,); minus infinity outside of the prior's box."""

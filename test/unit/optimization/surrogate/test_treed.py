@@ -94,7 +94,7 @@ def test_pseudo_likelihood_agrees_with_the_formula_term_by_term(power):
 
 def test_one_leaf_is_the_gaussian_process():
     data = known(30)
-    surrogate = TreedSurrogate(2, settings=TreeSettings(min_leaf=16))
+    surrogate = TreedSurrogate(2, settings=TreeSettings(min_leaf=16, half_range_signal=False))
     treed = surrogate.update(data, np.random.default_rng(0))
     assert len(treed.leaves) == 1
     plain = GaussianProcess.fit(data.U, data.y, treed.leaves[0].hyperparameters)
@@ -110,7 +110,8 @@ def test_one_leaf_is_the_gaussian_process():
 
 def test_one_leaf_with_sampling_is_the_sampled_gaussian_process():
     data, sampling = known(20), SamplingSettings(3, 4)
-    treed = TreedSurrogate(2, settings=TreeSettings(16, None, sampling)).update(data, np.random.default_rng(7))
+    settings = TreeSettings(16, None, sampling, half_range_signal=False)
+    treed = TreedSurrogate(2, settings=settings).update(data, np.random.default_rng(7))
     plain = MarginalizedSurrogate(2, sampling=sampling).update(data, np.random.default_rng(7))
     A = np.random.default_rng(2).random((20, 2))
     for mine, its in zip(treed.predict(A), plain.predict(A), strict=True):
@@ -157,6 +158,15 @@ def test_regions_differ_in_smoothness_where_the_function_does():
     assert scales[0] > 3.0 * scales[-1]
     grid = np.linspace(0.62, 0.98, 50)[:, None]
     assert np.mean(np.abs(treed.predict_mean(grid) - 3.0 - np.sin(60.0 * grid[:, 0]))) < 0.3
+
+
+@pytest.mark.parametrize("sampling", [None, SamplingSettings(2, 2, 1)])
+def test_the_signal_of_every_leaf_is_half_the_range_of_all_values(sampling):
+    data = known(60)
+    treed = TreedSurrogate(2, settings=TreeSettings(12, None, sampling)).update(data, np.random.default_rng(0))
+    members = [m for leaf in treed.leaves for m in getattr(leaf, "members", (leaf,))]
+    signals = [member.scale * np.exp(0.5 * member.hyperparameters.theta[-1]) for member in members]
+    assert signals == pytest.approx([0.5 * np.ptp(data.y)] * len(members))
 
 
 def test_new_observations_join_their_leaves_and_a_restored_surrogate_is_the_same():
