@@ -7,6 +7,8 @@ A frame pair stands in the name: ``T_object_tcp`` maps coordinates in the TCP fr
 from __future__ import annotations
 
 import math
+import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 
@@ -26,7 +28,8 @@ def _read_only(values: npt.ArrayLike, shape: tuple[int, ...], what: str) -> Floa
     array = np.array(values, dtype=np.float64)
     if array.shape != shape:
         raise InvalidPoseError(f"{what} must have shape {shape}, got {array.shape}")
-    if not np.isfinite(array).all():
+    # For so few numbers faster than numpy, and it is done for each contact of each grasp.
+    if not all(map(math.isfinite, array.ravel().tolist())):
         raise InvalidPoseError(f"{what} must be finite, got {array.tolist()}")
     array.setflags(write=False)
     return array
@@ -114,8 +117,10 @@ class Pose:
 
     @property
     def rpy(self) -> FloatArray:
-        """Fixed-axis roll, pitch, yaw, shape (3,), radians."""
-        angles: FloatArray = self.rotation.as_euler("xyz")
+        """Fixed-axis roll, pitch, yaw, shape (3,), radians; at a pitch of 90 degrees the yaw is 0."""
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="Gimbal lock")
+            angles: FloatArray = self.rotation.as_euler("xyz")
         return angles
 
     def inverse(self) -> Pose:
@@ -160,9 +165,35 @@ class GraspContact:
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", _read_only(self.position, (3,), "contact position"))
         normal = _read_only(self.normal, (3,), "contact normal")
-        if abs(math.sqrt(float(normal @ normal)) - 1.0) > 1e-6:
+        if abs(math.hypot(*normal.tolist()) - 1.0) > 1e-6:
             raise InvalidPoseError(f"contact normal {normal.tolist()} is not of unit length")
         object.__setattr__(self, "normal", normal)
+
+    @classmethod
+    def from_rows(
+        cls, links: Sequence[str], positions: npt.ArrayLike, normals: npt.ArrayLike
+    ) -> tuple[GraspContact, ...]:
+        """Build one contact a row, all checked at once: one by one they would cost a trial more than its closing.
+
+        Args:
+            links: names of the hand links.
+            positions: shape (n, 3), metres.
+            normals: unit normals into the object, shape (n, 3).
+
+        Raises:
+            InvalidPoseError: as for a single contact.
+        """
+        points = _read_only(positions, (len(links), 3), "contact positions")
+        directions = _read_only(normals, (len(links), 3), "contact normals")
+        contacts = []
+        for x, y, z in directions.tolist():
+            if abs(math.sqrt(x * x + y * y + z * z) - 1.0) > 1e-6:
+                raise InvalidPoseError(f"contact normal {[x, y, z]} is not of unit length")
+        for link, point, direction in zip(links, points, directions, strict=True):
+            contact = object.__new__(cls)
+            contact.__dict__.update(link=link, position=point, normal=direction)
+            contacts.append(contact)
+        return tuple(contacts)
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,8 @@ from msg_adapters.checks import require_finite, require_frame
 from msg_adapters.pose import (
     from_point_msg,
     from_pose_msg,
-    to_point_msg,
     to_pose_msg,
-    to_vector_msg,
+    write_point,
 )
 from msg_adapters.time import from_duration_msg, from_time_msg, to_duration_msg, to_time_msg
 
@@ -112,11 +111,11 @@ def _number(value: float, name: str, outcome: GraspOutcome) -> float:
 
 def to_grasp_contact_msg(contact: GraspContact) -> GraspContactMsg:
     """Return the message of a contact."""
-    return GraspContactMsg(
-        link=contact.link,
-        position=to_point_msg(contact.position),
-        normal=to_vector_msg(contact.normal),
-    )
+    message = GraspContactMsg()
+    message.link = contact.link
+    write_point(message.position, contact.position)
+    write_point(message.normal, contact.normal)
+    return message
 
 
 def from_grasp_contact_msg(message: GraspContactMsg) -> GraspContact:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import fcntl
+import math
+import os
 import signal
 import threading
 import time
@@ -20,6 +23,7 @@ from mebo_grasp.grasp import Pose, StampedGrasp
 from mebo_grasp.grasping.facet_space import FACETS
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.rendering import render_grasps
+from mebo_grasp.grasping.synergies import hand_synergies
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.nodes.domain import private_domain
 from mebo_grasp.nodes.exploration_client import ExplorationClient, Standing
@@ -32,7 +36,7 @@ from mebo_grasp.optimization.methods.base import (
     WARP_NAMES,
     MethodSettings,
 )
-from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD, METHOD_NAMES
+from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD, METHOD_NAMES, check_method
 from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.occlusion import Box, Occlusion
 
@@ -42,6 +46,7 @@ START_TIMEOUT = 300.0
 """Seconds until the nodes must be up; a first start compiles, on a busy machine for minutes."""
 
 SETTLE_TIMEOUT = 10.0
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 FAR = 1.0
 """Half side, metres, of the occluding boxes of the demonstration: wide enough for every hand around."""
 
@@ -65,6 +70,9 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     _add_noise_options(parser)
     parser.add_argument("--space", default="position", choices=sorted(SPACES), help="search space")
     parser.add_argument("--facet", default="+y", choices=FACETS, help="in space facet: what the hand faces (+y)")
+    parser.add_argument(
+        "--synergies", type=int, default=2, help="in space pose_posture: amplitudes searched (default: 2)"
+    )
     parser.add_argument("--budget", type=int, default=250, help="number of trials (default: 250)")
     parser.add_argument("--initial", type=int, default=25, help="of these, initial design (default: 25)")
     parser.add_argument("--seed", type=int, default=1, help="seed of the random generator (default: 1)")
@@ -113,20 +121,24 @@ def run(options: argparse.Namespace) -> int:
     """Explore, report and draw; returns the exit code."""
     target = TargetObject.load(options.object, options.scale)
     hand = HandModel.load(options.hand)
-    _check(options)
+    _check(options, hand)
     if Path(options.object).is_file():
         # The nodes and a later `show` may run elsewhere.
         options.object = str(Path(options.object).resolve())
-    directory = _prepare_directory(options, target.object_id)
+    directory = _make_directory(options, target.object_id)
     with (
+        stop_at_signals() as stop,
+        sole_user(directory),
         private_domain() as domain_id,
         NodeGroup() as nodes,
         ExplorationClient(domain_id, target.object_id) as client,
     ):
+        if options.restart:
+            _delete_run(directory)
         print(f"exploring '{target.object_id}' (ROS_DOMAIN_ID={domain_id}, this machine only)")
         print(f"the run is kept in {directory}")
         _start_nodes(nodes, options, directory, domain_id)
-        interrupted = not _follow(nodes, client)
+        interrupted = not _follow(nodes, client, stop)
         grasps = _report(client, target)
     if grasps:
         picture = directory / PICTURE
@@ -135,31 +147,63 @@ def run(options: argparse.Namespace) -> int:
     return 130 if interrupted else 0
 
 
-def _check(options: argparse.Namespace) -> None:
+def _check(options: argparse.Namespace, hand: HandModel) -> None:
     """Refuse what the nodes would refuse, before they are started and a folder is made."""
-    if options.budget < 1:
-        raise InvalidSettingsError(f"--budget must be at least 1, got {options.budget}")
+    for name, least in (("budget", 1), ("initial", 1), ("seed", 0), ("size", 1), ("min_distance", 0.0)):
+        value = getattr(options, name)
+        if not (value >= least and math.isfinite(value)):
+            option = name.replace("_", "-")
+            raise InvalidSettingsError(f"--{option} must be a finite number of at least {least}, got {value}")
+    if options.space == "pose_posture":
+        most = hand_synergies(hand).count
+        if not 1 <= options.synergies <= most:
+            raise InvalidSettingsError(
+                f"--synergies is {options.synergies}; hand '{hand.name}' has 1 to {most} to choose from"
+            )
     if options.method not in METHOD_NAMES:
         raise InvalidSettingsError(f"--method is '{options.method}', known are {', '.join(METHOD_NAMES)}")
-    MethodSettings(
-        kernel=options.kernel, warp=options.warp, learning=options.learning, surrogate=options.surrogate
-    )
+    chosen = MethodSettings(
+        kernel=options.kernel, warp=options.warp, learning=options.learning, surrogate=options.surrogate,
+        safe=options.safe,
+    )  # fmt: skip
+    check_method(options.method, chosen)
     for name in ("position_noise", "rotation_noise"):
         if not 0.0 <= getattr(options, name) < float("inf"):
             flag = name.replace("_", "-")
             raise InvalidSettingsError(f"--{flag} must be finite and at least 0, got {getattr(options, name)}")
 
 
-def _prepare_directory(options: argparse.Namespace, object_id: str) -> Path:
+def _make_directory(options: argparse.Namespace, object_id: str) -> Path:
     directory: Path = options.out or Path("out") / f"{object_id}-{time.strftime('%Y%m%d-%H%M%S')}"
     if directory.exists() and not directory.is_dir():
         raise InvalidSettingsError(f"--out {directory} is a file; name a folder")
     directory.mkdir(parents=True, exist_ok=True)
-    if options.restart:
-        names = [DATABASE, f"{DATABASE}-wal", f"{DATABASE}-shm", RUN_LOG, PICTURE]
-        for name in (*names, *(f"{node}.log" for node in NODES)):
-            (directory / name).unlink(missing_ok=True)
     return directory
+
+
+def _delete_run(directory: Path) -> None:
+    names = [DATABASE, f"{DATABASE}-wal", f"{DATABASE}-shm", RUN_LOG, PICTURE]
+    for name in (*names, *(f"{node}.log" for node in NODES)):
+        (directory / name).unlink(missing_ok=True)
+
+
+@contextmanager
+def sole_user(directory: Path) -> Iterator[None]:
+    """Keep a second exploration out of a folder; the kernel ends this with the process, however that ends.
+
+    Raises:
+        InvalidSettingsError: an exploration runs there.
+    """
+    descriptor = os.open(directory, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    except BlockingIOError as error:
+        raise InvalidSettingsError(
+            f"another exploration runs in {directory}: stop it, or name another folder by --out"
+        ) from error
+    finally:
+        os.close(descriptor)
 
 
 def _start_nodes(nodes: NodeGroup, options: argparse.Namespace, directory: Path, domain_id: int) -> None:
@@ -168,6 +212,7 @@ def _start_nodes(nodes: NodeGroup, options: argparse.Namespace, directory: Path,
     optimizer = {
         "space": options.space,
         "facet": options.facet,
+        "synergies": options.synergies,
         "method": options.method,
         "kernel": options.kernel,
         "warp": options.warp,
@@ -189,38 +234,44 @@ def _start_nodes(nodes: NodeGroup, options: argparse.Namespace, directory: Path,
         "size": options.size,
         "min_distance": options.min_distance,
     } | hand
-    parameters = (archive, target | hand, target | hand | optimizer)
+    posture = {"expects_posture": options.space == "pose_posture"}
+    parameters = (archive, target | hand | posture, target | hand | optimizer)
     for name, values in zip(NODES, parameters, strict=True):
         nodes.start(NodeProcess(name, values, directory, domain_id))
 
 
-def _follow(nodes: NodeGroup, client: ExplorationClient) -> bool:
+def _follow(nodes: NodeGroup, client: ExplorationClient, stop: threading.Event) -> bool:
     """Show progress until the budget is spent; False when the user stopped it."""
     line = ProgressLine()
-    with stop_at_ctrl_c() as stop:
-        end = time.monotonic() + START_TIMEOUT
-        while not stop.is_set() and (client.standing is None or not client.services_ready()):
-            nodes.check()
-            if time.monotonic() > end:
-                raise MeboGraspError(f"the nodes did not start within {START_TIMEOUT:.0f} s; see their logs")
-            client.spin(0.1)
-        while not stop.is_set() and client.standing is not None and not client.standing.finished:
-            nodes.check()
-            _show(line, client.standing)
-            client.spin(0.1)
-        if client.standing is not None:
-            _show(line, client.standing)
-        line.end()
-        if stop.is_set():
-            print("stopping; what was found is kept")
-            if client.standing is not None and client.standing.exploring:
-                client.pause()
-        return not stop.is_set()
+    end = time.monotonic() + START_TIMEOUT
+    while not stop.is_set() and (client.standing is None or not client.services_ready()):
+        nodes.check()
+        if time.monotonic() > end:
+            raise MeboGraspError(f"the nodes did not start within {START_TIMEOUT:.0f} s; see their logs")
+        client.spin(0.1)
+    while not stop.is_set() and client.standing is not None and not client.standing.finished:
+        nodes.check()
+        _show(line, client.standing)
+        if not client.standing.exploring and client.standing.note:
+            line.end()
+            raise MeboGraspError(f"the optimizer {client.standing.note}; what was found is kept")
+        client.spin(0.1)
+    if client.standing is not None:
+        _show(line, client.standing)
+    line.end()
+    if stop.is_set():
+        print("stopping; what was found is kept")
+        if client.standing is not None and client.standing.exploring:
+            client.pause()
+    return not stop.is_set()
 
 
 @contextmanager
-def stop_at_ctrl_c() -> Iterator[threading.Event]:
-    """Note a first Ctrl-C in an event instead of raising it anywhere; a second one raises as usual."""
+def stop_at_signals() -> Iterator[threading.Event]:
+    """Note a first Ctrl-C, SIGTERM or closed terminal in an event; a second one raises KeyboardInterrupt.
+
+    Left to themselves the last two would end the process without a word to the nodes, which run on.
+    """
     stop = threading.Event()
 
     def note(number: int, frame: FrameType | None) -> None:
@@ -228,11 +279,15 @@ def stop_at_ctrl_c() -> Iterator[threading.Event]:
             signal.default_int_handler(number, frame)
         stop.set()
 
-    before = signal.signal(signal.SIGINT, note)
+    # nohup has SIGHUP ignored: so it stays.
+    ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    numbers = [number for number in STOP_SIGNALS if not (ignored and number == signal.SIGHUP)]
+    before = {number: signal.signal(number, note) for number in numbers}
     try:
         yield stop
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _show(line: ProgressLine, now: Standing) -> None:

@@ -7,10 +7,12 @@ import shutil
 import sys
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TextIO
 
 import numpy as np
 
+from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import Grasp, StampedGrasp
 
 HEADER = (
@@ -34,6 +36,16 @@ def grasp_table(grasps: Sequence[StampedGrasp]) -> str:
     """Return a table of grasps, one a line, in the given order."""
     rows = [grasp_row(rank, stamped.grasp) for rank, stamped in enumerate(grasps, start=1)]
     return "\n".join([HEADER, *rows])
+
+
+def require_png(option: str, path: Path | None) -> None:
+    """Refuse a picture of another kind before anything is computed; None is no picture.
+
+    Raises:
+        InvalidSettingsError: the file does not end in .png.
+    """
+    if path is not None and path.suffix.lower() != ".png":
+        raise InvalidSettingsError(f"{option} {path} must end in .png")
 
 
 class ProgressLine:

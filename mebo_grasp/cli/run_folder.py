@@ -87,7 +87,7 @@ class StoredRun:
         run = read_run(path.parent)
         explored = ExploredRun(
             options.object or run.object or only_object(path),
-            options.scale or run.scale,
+            run.scale if options.scale is None else options.scale,
             options.hand or run.hand,
         )
         return cls(path, explored)
@@ -113,9 +113,19 @@ class StoredRun:
             metric: distance between grasps.
 
         Raises:
-            ArchiveError: the archive cannot be opened.
+            ArchiveError: the archive cannot be opened, or holds trials of other objects alone.
             InvalidHandError: the hand cannot be loaded.
         """
+        archive = self._open(by_hand, metric)
+        others = [name for name, count in archive.object_counts().items() if count and name != self.object_id]
+        if len(archive) or not others:
+            return archive
+        archive.close()
+        raise ArchiveError(
+            f"{self.path} holds no trials of '{self.object_id}', but of {', '.join(others)}: name one by --object"
+        )
+
+    def _open(self, by_hand: bool, metric: PoseMetric | None) -> SolutionArchive:
         if not by_hand:
             return SolutionArchive(self.path, self.object_id, metric)
         hand = self.hand()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mebo_grasp.cli.filters import add_filter_arguments, explain, metric_of, query_of
 from mebo_grasp.cli.page import write_run_page
-from mebo_grasp.cli.report import grasp_table
+from mebo_grasp.cli.report import grasp_table, require_png
 from mebo_grasp.cli.run_folder import PAGE, PICTURE, StoredRun, add_run_arguments
 from mebo_grasp.grasping.rendering import render_grasps
 from mebo_grasp.solutions.blocking import BlockingRule
@@ -26,6 +26,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 def run(options: argparse.Namespace) -> int:
     """Print the table, draw picture and page; returns the exit code."""
+    require_png("--picture", options.picture)
     stored_run = StoredRun.of(options)
     target, hand = stored_run.target(), stored_run.hand()
     metric = metric_of(options)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mebo_grasp.cli.report import require_png
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import Grasp, Pose
 from mebo_grasp.grasping.hand_model import HandModel
@@ -56,8 +57,9 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 def run(options: argparse.Namespace) -> int:
     """Execute, print and draw; returns the exit code."""
-    if options.out is not None and options.out.suffix.lower() != ".png":
-        raise InvalidSettingsError(f"--out {options.out} must end in .png")
+    require_png("--out", options.out)
+    if options.repeat < 0:
+        raise InvalidSettingsError(f"--repeat is {options.repeat}; it must be at least 1, or 0 for none")
     settings = TrialSettings(
         friction=options.friction,
         cone_edges=options.edges,

@@ -28,9 +28,10 @@ from mebo_grasp.experiments.protocol import (
     make_jobs,
     select_methods,
 )
+from mebo_grasp.experiments.result_set import ResultSet
 from mebo_grasp.experiments.run_costs import SECONDS, slow_peers
 from mebo_grasp.experiments.runner import Outcome, run_jobs
-from mebo_grasp.experiments.tables import ResultSet, all_tables, legend
+from mebo_grasp.experiments.tables import all_tables, legend
 from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD
 
 DEFAULT_METHODS = ("default", "mebo")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mebo_grasp.experiments import published
-from mebo_grasp.experiments.tables import ResultSet
+from mebo_grasp.experiments.result_set import ResultSet
 from mebo_grasp.grasp import FloatArray
 
 

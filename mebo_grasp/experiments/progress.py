@@ -30,9 +30,10 @@ class Progress:
     def announce(self, jobs: Sequence[Job]) -> None:
         """Say what is to come, before any of it has been measured."""
         seconds = self._costs.total(jobs)
-        left = _clock(seconds / self._workers)
+        plural = "" if self._workers == 1 else "s"
         self._stream.write(
-            f"{len(jobs)} runs to make, roughly {_clock(seconds)} of CPU time; with {self._workers} workers {left}\n"
+            f"{len(jobs)} runs to make, roughly {_clock(seconds)} of CPU time; "
+            f"{_clock(self.seconds_left(jobs))} with {self._workers} worker{plural}\n"
         )
         self._stream.flush()
 

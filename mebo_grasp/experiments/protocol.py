@@ -56,11 +56,16 @@ class Variant:
     of_surrogate: bool = False
 
 
+_ON_ACQUISITION = (
+    "Metropolis-Hastings on the acquisition itself, as the thesis's code does, not on exp(beta alpha)"
+)
 VARIANTS: dict[str, Variant] = {
-    "mebo_code": Variant(
-        "mebo",
-        {"proportional_selection": True},
-        "Metropolis-Hastings on the acquisition itself, as the thesis's code does, not on exp(beta alpha)",
+    "mebo_code": Variant("mebo", {"proportional_selection": True}, _ON_ACQUISITION),
+    "e_mebo_code": Variant("e_mebo", {"proportional_selection": True}, _ON_ACQUISITION),
+    "cl_mebo_code": Variant(
+        "cl_mebo",
+        {"proportional_selection": True, "cluster_share": 0.5},
+        f"{_ON_ACQUISITION}, and content with half of M clusters, not three quarters",
     ),
     "mebo_se": Variant("mebo", {"kernel": "squared_exponential"}, "squared exponential kernel", True),
     "mebo_additive": Variant("mebo", {"kernel": "additive_matern52"}, "additive Matérn 5/2 kernel", True),

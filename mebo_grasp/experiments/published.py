@@ -125,5 +125,26 @@ BEST_SEEN = {
 }
 """PR, SR and CS by the text of the best of the thesis's tables and the peers' baselines."""
 
-PRINTED_NAMES = {"mebo": "MEBO", "e_mebo": "E-MEBO", "cl_mebo": "CL-MEBO", "robot": "ROBOT"}
+THESIS_ROW = "*thesis {}*"
+"""Name of a printed row beside ours."""
+
+PRINTED_NAMES = {
+    "mebo": "MEBO",
+    "e_mebo": "E-MEBO",
+    "cl_mebo": "CL-MEBO",
+    "robot": "ROBOT",
+    "local_penalization": "BBO-LP (GPyOpt)",
+}
 """Names of our methods in the thesis's tables."""
+
+
+def printed_figures(method: str) -> dict[str, Cell]:
+    """What the thesis prints for one of ``PRINTED_NAMES``, by function."""
+    row = PRINTED_NAMES[method]
+    tables = (METHODS_1D, METHODS_2D, LOCAL_PENALIZATION_1D, LOCAL_PENALIZATION_2D)
+    return {
+        function: cell
+        for table in tables
+        if row in table.rows
+        for function, cell in zip(table.functions, table.rows[row], strict=True)
+    }

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from mebo_grasp.experiments import published
 from mebo_grasp.experiments.acquisition_study import STUDY_NAMES
-from mebo_grasp.experiments.metrics import STRICT_ACCURACIES, RunScore, Summary, summarize
+from mebo_grasp.experiments.batch_variance import batch_variance_table
+from mebo_grasp.experiments.metrics import STRICT_ACCURACIES
 from mebo_grasp.experiments.problems import (
     ALL_FUNCTIONS,
     AS_WRITTEN,
@@ -19,120 +18,25 @@ from mebo_grasp.experiments.problems import (
     THESIS_FUNCTIONS,
 )
 from mebo_grasp.experiments.protocol import VARIANTS
+from mebo_grasp.experiments.result_set import Result, ResultSet, label_of, summary_of
+from mebo_grasp.experiments.table import NONE, Table, number, spread
+from mebo_grasp.experiments.thesis_standing import thesis_standing_table
 
-Result = dict[str, Any]
-_NONE = "-"
-THESIS_ROW, SEEN_ROW = "*thesis {}*", "*best seen*"
+SEEN_ROW = "*best seen*"
 ACQUISITION_ROWS = {"mebo_ei": "EI", "mebo_ucb": "UCB", "mebo": "EI-UCB"}
 """Rows of the acquisition study, tables 7.2 to 7.4, by our name of the method."""
 
 
-@dataclass(frozen=True)
-class Table:
-    """A table to print.
-
-    Args:
-        title: one line above it.
-        header: names of the columns.
-        rows: cells as text, one tuple a row.
-        note: one paragraph below it, or empty.
-    """
-
-    title: str
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    note: str = ""
-
-    def markdown(self) -> str:
-        """The table as Markdown."""
-        lines = [
-            f"### {self.title}",
-            "",
-            _markdown_row(self.header),
-            _markdown_row(["---"] * len(self.header)),
-        ]
-        lines += [_markdown_row(row) for row in self.rows]
-        return "\n".join([*lines, *(["", self.note] if self.note else []), ""])
-
-    def text(self) -> str:
-        """The table in columns for a terminal."""
-        widths = [max(len(row[i]) for row in (self.header, *self.rows)) for i in range(len(self.header))]
-        lines = [
-            "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-            for row in (self.header, *self.rows)
-        ]
-        return "\n".join([self.title, *lines, *([self.note] if self.note else []), ""])
-
-
-def _markdown_row(cells: Iterable[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
-
-
-@dataclass(frozen=True)
-class ResultSet:
-    """Results that can be picked by method and problem.
-
-    Args:
-        results: finished runs.
-    """
-
-    results: tuple[Result, ...]
-
-    def pick(self, method: str, problem: str) -> list[Result]:
-        """Runs of a method on a problem, as it is labelled."""
-        return [r for r in self.results if r["job"]["method"] == method and _label(r) == problem]
-
-    def methods(self, problems: Iterable[str]) -> list[str]:
-        """Methods that have a run on one of the problems, in the order of their first run."""
-        wanted = set(problems)
-        return list(dict.fromkeys(r["job"]["method"] for r in self.results if _label(r) in wanted))
-
-    def problems(self) -> list[str]:
-        """Labels of the problems, in the order of their first run."""
-        return list(dict.fromkeys(_label(r) for r in self.results))
-
-
-def _label(result: Result) -> str:
-    return f"{result['job']['problem']}~t" if result["job"]["transformed"] else str(result["job"]["problem"])
-
-
-def summary_of(results: Sequence[Result]) -> Summary:
-    """The thesis's metrics over runs, from their results.
-
-    Raises:
-        InvalidSettingsError: there is no run.
-    """
-    return summarize([
-        RunScore(
-            r["n_optima"],
-            r["found"],
-            np.array(r["found_values"]),
-            r["first_all"],
-            r["last_change"],
-            np.array(r["curve"], dtype=np.int64),
-        )
-        for r in results
-    ])  # fmt: skip
-
-
-def _number(value: float, digits: int = 3) -> str:
-    return _NONE if np.isnan(value) else f"{value:.{digits}f}"
-
-
-def _spread(value: float, sd: float) -> str:
-    return f"{_number(value)} ± {_number(sd, 2)}"
-
-
 def _measured_cells(results: Sequence[Result]) -> list[str]:
     if not results:
-        return [_NONE] * 5
+        return [NONE] * 5
     s = summary_of(results)
     return [
-        _spread(s.peak_ratio, s.peak_ratio_sd),
-        _number(s.success_rate, 2),
-        _spread(s.speed_text, s.speed_text_sd),
-        _number(s.speed_code),
-        _number(s.mean_optimum, 4),
+        spread(s.peak_ratio, s.peak_ratio_sd),
+        number(s.success_rate, 2),
+        spread(s.speed_text, s.speed_text_sd),
+        number(s.speed_code),
+        number(s.mean_optimum, 4),
     ]
 
 
@@ -141,15 +45,10 @@ def _printed_cells(cells: Sequence[published.Cell], count: int) -> list[str]:
     for i in range(count):
         if i < len(cells):
             pr, sr, cs, mean = cells[i]
-            flat += [_number(pr), _number(sr, 2), _NONE, _number(cs), _number(mean, 4)]
+            flat += [number(pr), number(sr, 2), NONE, number(cs), number(mean, 4)]
         else:
-            flat += [_NONE] * 5
+            flat += [NONE] * 5
     return flat
-
-
-def _runs_text(results: ResultSet, method: str, problems: Iterable[str]) -> str:
-    counts = sorted({len(results.pick(method, problem)) for problem in problems})
-    return str(counts[0]) if len(counts) == 1 else f"{counts[0]}-{counts[-1]}"
 
 
 _CS_NOTE = (
@@ -183,75 +82,27 @@ def comparison_table(
     body = []
     for method in present:
         cells = [cell for label in labels for cell in _measured_cells(results.pick(method, label))]
-        body.append((rows[method], _runs_text(results, method, labels), *cells))
+        body.append((rows[method], results.runs_text(method, labels), *cells))
     for name, figures in printed.rows.items():
-        body.append((THESIS_ROW.format(name), _NONE, *_printed_cells(figures, len(printed.functions))))
+        body.append(
+            (published.THESIS_ROW.format(name), NONE, *_printed_cells(figures, len(printed.functions)))
+        )
     seen = [cell for name in printed.functions for cell in _best_seen_cells(name)]
-    body.append((SEEN_ROW, _NONE, *seen))
+    body.append((SEEN_ROW, NONE, *seen))
     title = f"Table {printed.number}" + (", functions shifted, scaled and turned at random" if suffix else "")
     return Table(title, tuple(header), tuple(body), _CS_NOTE)
 
 
 def _best_seen_cells(name: str) -> list[str]:
     pr, sr, cs = published.BEST_SEEN[name]
-    return [_number(pr), _number(sr, 2), _number(cs), _NONE, _NONE]
-
-
-def batch_variance_table(
-    title: str,
-    printed: dict[str, dict[str, tuple[float, float]]],
-    results: ResultSet,
-    rows: Sequence[tuple[str, str, str]],
-    functions: Sequence[str],
-    note: str = "",
-) -> Table | None:
-    """A table in the form of 7.4 or D.1; None without a run for it.
-
-    Args:
-        title: of the table.
-        printed: the thesis's rows.
-        results: ours.
-        rows: (name of the row, method, suffix of its problems).
-        functions: the columns.
-        note: what is to be said beside the table's own note.
-    """
-    header = ["method", "runs"]
-    for name in functions:
-        header += [f"{published.TITLES[name]}: x", "y"]
-    body = []
-    for shown, method, suffix in rows:
-        labels = [name + suffix for name in functions]
-        cells = [cell for label in labels for cell in _variance_cells(results.pick(method, label))]
-        if any(cell != _NONE for cell in cells):
-            body.append((shown, _runs_text(results, method, labels), *cells))
-    if not body:
-        return None
-    for name, values in printed.items():
-        cells = [_number(v, 4) for function in functions for v in values[function]]
-        body.append((THESIS_ROW.format(name), _NONE, *cells))
-    own = (
-        "Mean over batches of the population variance of a batch's points, ± standard deviation over runs; "
-        "the initial design is left out."
-    )
-    return Table(title, tuple(header), tuple(body), f"{own} {note}".rstrip())
-
-
-def _variance_cells(runs: Sequence[Result]) -> list[str]:
-    """Mean and spread of the batch variance along x and y."""
-    variances = np.array([r["batch_variance"] for r in runs if r["batch_variance"]])
-    if len(variances) == 0:
-        return [_NONE] * 2
-    spread = np.std(variances, axis=0, ddof=1) if len(variances) > 1 else np.zeros(2)
-    return [
-        f"{_number(m, 4)} ± {_number(s, 2)}" for m, s in zip(np.mean(variances, axis=0), spread, strict=True)
-    ]
+    return [number(pr), number(sr, 2), number(cs), NONE, NONE]
 
 
 def _mean_share(results: Sequence[Result], field: str, accuracy: float) -> str:
     if not results:
-        return _NONE
+        return NONE
     shares = np.array([r[field][f"{accuracy:g}"] / r["n_optima"] for r in results])
-    return _spread(float(np.mean(shares)), float(np.std(shares, ddof=1)) if len(shares) > 1 else 0.0)
+    return spread(float(np.mean(shares)), float(np.std(shares, ddof=1)) if len(shares) > 1 else 0.0)
 
 
 def strict_table(results: ResultSet, problems: Sequence[str]) -> Table | None:
@@ -270,7 +121,7 @@ def strict_table(results: ResultSet, problems: Sequence[str]) -> Table | None:
             for label in problems
             for accuracy in STRICT_ACCURACIES
         ]
-        body.append((method, _runs_text(results, method, problems), *cells))
+        body.append((method, results.runs_text(method, problems), *cells))
     note = (
         "Peak ratio at absolute accuracies of the optimum's value, counted on the returned solution set with "
         "the competition's niche radius and never twice within one basin. A peer returns no set: the best "
@@ -285,20 +136,35 @@ def suite_table(results: ResultSet, problems: Sequence[str]) -> Table | None:
     if not methods:
         return None
     header = ["function", "evaluations"] + [f"{m}: {what}" for m in methods for what in ("PR 0.1", "PR 5 %")]
+    header.append("ahead by PR 0.1")
     body = []
     for label in problems:
         cells = []
         for method in methods:
             runs = results.pick(method, label)
             cells += [_mean_share(runs, "basins", 0.1), _measured_cells(runs)[0]]
-        budgets = sorted({r["job"]["budget"] for r in results.results if _label(r) == label})
-        body.append((label, ", ".join(map(str, budgets)), *cells))
+        budgets = sorted({r["job"]["budget"] for r in results.results if label_of(r) == label})
+        ahead = _ahead({method: results.pick(method, label) for method in methods})
+        body.append((label, ", ".join(map(str, budgets)), *cells, ahead))
     note = (
         "PR 0.1: the competition's count over all evaluated points at accuracy 0.1, but never twice within "
         "one basin; PR 5 %: the thesis's rule (absolute 0.05 where the optimum is 0), which counts points farther "
         "apart than the niche radius as different and so over-counts on wide peaks where that radius is 0.01."
     )
     return Table("The other functions of the suite", tuple(header), tuple(body), note)
+
+
+def _ahead(runs: dict[str, list[Result]]) -> str:
+    """Methods whose mean peak ratio at accuracy 0.1 is the greatest; ``NONE`` where no method found an optimum."""
+    ratios = {
+        method: float(np.mean([r["basins"]["0.1"] / r["n_optima"] for r in own]))
+        for method, own in runs.items()
+        if own
+    }
+    best = max(ratios.values(), default=0.0)
+    if best == 0.0:
+        return NONE
+    return ", ".join(method for method, ratio in ratios.items() if ratio >= best - 1e-9)
 
 
 def cost_table(results: ResultSet) -> Table:
@@ -344,6 +210,7 @@ def all_tables(results: Sequence[Result]) -> list[Table]:
     others = [
         p for p in runs.problems() if p.removesuffix("~t") in set(ALL_FUNCTIONS) - set(THESIS_FUNCTIONS)
     ]
+    tables.append(thesis_standing_table(runs))
     tables.append(suite_table(runs, others))
     tables.append(cost_table(runs))
     return [table for table in tables if table is not None]

@@ -199,7 +199,7 @@ def _closing_direction(hand: HandModel) -> list[Finding]:
 def open_hand_overlaps(hand: HandModel) -> list[tuple[str, str, float]]:
     """Return pairs of links that overlap in the preshape though they should be tested, with the gap in metres."""
     arrays, layout = build_hand_arrays(hand, hand.preshape)
-    poses = new_poses()
+    poses = new_poses()[0]
     place_hand(arrays, poses, np.eye(4))
     found: dict[tuple[str, str], float] = {}
     for shape in range(int(arrays["shapes"])):

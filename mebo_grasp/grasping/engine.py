@@ -16,7 +16,7 @@ from numba import njit
 
 from mebo_grasp.grasping.distance_field import DistanceField, on_grid, sample
 from mebo_grasp.grasping.hand_arrays import BOX, HandArrays
-from mebo_grasp.grasping.mesh_distance import box_gap, nearest_points, segment_distance
+from mebo_grasp.grasping.mesh_distance import box_gap, nearest_points, tracked_distance
 from mebo_grasp.grasping.triangle_tree import TriangleTree
 
 FloatArray = npt.NDArray[np.float64]
@@ -41,6 +41,7 @@ class Engine(NamedTuple):
         pose: (4, 4) written before ``ask`` is called.
         tree: the object's triangles; for ``BULLET`` those of its convex parts, if it has any.
         screened: (n,) which shapes are measured by compiled code before Bullet is asked.
+        nearest: (n,) triangle that was last nearest to each shape's axis; -1 before the first question of a trial.
     """
 
     kind: int
@@ -48,6 +49,7 @@ class Engine(NamedTuple):
     pose: FloatArray
     tree: TriangleTree
     screened: npt.NDArray[np.bool_]
+    nearest: IntArray
 
 
 @njit(cache=True)
@@ -60,7 +62,7 @@ def exact_gap(
     is the compiled one wherever that is near the engine's.
     """
     if engine.kind == FAST or engine.screened[shape]:
-        gap = fast_gap(engine.tree, hand, field, pose, shape)
+        gap = fast_gap(engine.tree, hand, field, pose, shape, engine.nearest)
         if engine.kind == FAST or quick:
             return gap
         if gap > ENGINES_APART + SURELY_FREE:
@@ -73,7 +75,7 @@ def exact_gap(
 
 @njit(cache=True)
 def fast_gap(
-    tree: TriangleTree, hand: HandArrays, field: DistanceField, pose: FloatArray, shape: int
+    tree: TriangleTree, hand: HandArrays, field: DistanceField, pose: FloatArray, shape: int, nearest: IntArray
 ) -> float:
     """Return the gap of a capsule, sphere or box measured against the object's triangles."""
     ends = np.empty((2, 3))
@@ -90,7 +92,8 @@ def fast_gap(
     radius = hand.radius[shape]
     if inside:
         return -radius
-    distance = segment_distance(tree, ends[0], ends[1], _axis_bound(hand, field, pose, shape))
+    bound = QUERY_RANGE + radius if nearest[shape] >= 0 else _axis_bound(hand, field, pose, shape)
+    distance = tracked_distance(tree, ends[0], ends[1], bound, nearest, shape)
     # On a coarse grid a thin rod may lie inside although the grid cannot prove it: then the better guess decides.
     if distance > radius and depth > 0.0:
         return -radius
@@ -113,7 +116,7 @@ def _axis_bound(hand: HandArrays, field: DistanceField, pose: FloatArray, shape:
 
 @njit(cache=True)
 def fast_contact(
-    tree: TriangleTree, hand: HandArrays, pose: FloatArray, shape: int, reach: float, out: FloatArray
+    engine: Engine, hand: HandArrays, pose: FloatArray, shape: int, reach: float, out: FloatArray
 ) -> float:
     """Write a capsule's point nearest to the object and the object's into ``out``, shape (2, 3); return the gap.
 
@@ -125,4 +128,4 @@ def fast_contact(
         for k in range(3):
             ends[which, k] = pose[k, 0] * c[0] + pose[k, 1] * c[1] + pose[k, 2] * c[2] + pose[k, 3]
     radius = hand.radius[shape]
-    return nearest_points(tree, ends[0], ends[1], reach + radius, out) - radius
+    return nearest_points(engine.tree, ends[0], ends[1], reach + radius, out, engine.nearest[shape]) - radius

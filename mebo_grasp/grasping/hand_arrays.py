@@ -28,6 +28,8 @@ MOST_SPHERES = 1024
 ROUND, BOX = 0, 1
 FREE_AT_START = 1e-4
 """Pairs of links nearer than this in the preshape are never tested against each other, metres."""
+APART_FOR_GOOD = 1e-3
+"""Fingers whose slabs keep so far apart are not tested against each other, metres."""
 
 
 _Chains = tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
@@ -297,6 +299,27 @@ def _pairs(shape_group: IntArray, static: int) -> tuple[IntArray, IntArray]:
                 others.append(k)
         start.append(len(others))
     return np.array(start, dtype=np.int64), np.array(others, dtype=np.int64)
+
+
+def never_meeting_pairs(hand: HandArrays) -> set[tuple[int, int]]:
+    """Return the pairs of shapes whose fingers cannot meet: each keeps to its slab and near its first joint."""
+    pairs = set()
+    fingers, group = int(hand["fingers"]), hand["shape_group"][: int(hand["shapes"])] // MOST_JOINTS
+    for f in np.flatnonzero(np.isfinite(hand["slab"][:fingers]).all(axis=1)):
+        base, normal = hand["fixed"][f, 0, :3, 3], hand["slab_normal"][f]
+        # Heights along the finger's own normal, counted from its first joint, and the farthest from that joint.
+        low, high = hand["slab"][f] - normal @ base
+        reach = float(hand["reach"][: len(group), 0][group == f].max(initial=0.0))
+        for g in range(fingers):
+            across = float(hand["slab_normal"][g] @ normal)
+            lean = reach * np.sqrt(max(1.0 - across * across, 0.0))
+            middle = hand["slab_normal"][g] @ base
+            ends = sorted((low * across, high * across))
+            below = hand["slab"][g, 0] - (middle + ends[1] + lean)
+            above = middle + ends[0] - lean - hand["slab"][g, 1]
+            if f != g and max(below, above) > APART_FOR_GOOD:
+                pairs |= {(int(i), int(k)) for i in np.flatnonzero(group == f) for k in np.flatnonzero(group == g)}
+    return pairs | {(k, i) for i, k in pairs}
 
 
 def drop_pairs(hand: HandArrays, touching: set[tuple[int, int]]) -> None:

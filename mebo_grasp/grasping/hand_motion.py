@@ -21,6 +21,7 @@ from mebo_grasp.grasping.hand_arrays import (
     MOST_SHAPES,
     HandArrays,
     drop_pairs,
+    never_meeting_pairs,
 )
 from mebo_grasp.grasping.mesh_distance import segment_segment
 
@@ -70,12 +71,12 @@ HandPoses: TypeAlias = Any
 """A record of ``POSES_TYPE``."""
 
 
-def new_poses() -> HandPoses:
-    """Allocate the poses of a hand."""
+def new_poses() -> npt.NDArray[np.void]:
+    """Allocate the poses of a hand: an array of one ``HandPoses``."""
     poses = np.zeros(1, POSES_TYPE)
     for name in ("T", "group", "trial"):
         poses[name][0] = np.eye(4)
-    return poses[0]
+    return poses
 
 
 @njit(cache=True)
@@ -293,21 +294,21 @@ def _slab_gap(hand: HandArrays, poses: HandPoses, shape: int, ends: FloatArray, 
 @njit(cache=True)
 def _gap_to_fingers(hand: HandArrays, poses: HandPoses, shape: int, ends: FloatArray) -> tuple[float, int]:
     """Return the smallest gap between a shape with its ends at ``ends`` and the other fingers, and which of them."""
-    smallest, nearest, clear = np.inf, -1, -1
+    smallest, nearest, finger, clear = np.inf, -1, -1, False
     for i in range(hand.pair_start[shape], hand.pair_start[shape + 1]):
         other = hand.pair_other[i]
         g = hand.shape_group[other] // MOST_JOINTS
-        if g == clear:
-            continue
         if g == hand.fingers:
             break
-        apart = _slab_gap(hand, poses, shape, ends, g)
-        if apart > SELF_GAP_OF_INTEREST:
-            clear = g
-        else:
+        if g != finger:
+            finger, apart = g, _slab_gap(hand, poses, shape, ends, g)
+            clear = apart > SELF_GAP_OF_INTEREST
+            if clear and apart < smallest:
+                smallest, nearest = apart, g
+        if not clear:
             apart = _self_gap(hand, poses, shape, ends, other, min(smallest, SELF_GAP_OF_INTEREST))
-        if apart < smallest:
-            smallest, nearest = apart, g
+            if apart < smallest:
+                smallest, nearest = apart, g
     return smallest, nearest
 
 
@@ -367,14 +368,14 @@ def self_gap_of_finger(hand: HandArrays, poses: HandPoses, f: int, first: int, t
 
 def exempt_touching_pairs(hand: HandArrays) -> None:
     """Exempt pairs of links that touch in the open hand from the test of the hand against itself."""
-    poses = new_poses()
+    poses = new_poses()[0]
     place_hand(hand, poses, np.eye(4))
     touching = set()
     for shape in range(int(hand["shapes"])):
         for other in hand["pair_other"][hand["pair_start"][shape] : hand["pair_start"][shape + 1]]:
             if open_hand_gap(hand, poses, shape, int(other)) < FREE_AT_START:
                 touching |= {(shape, int(other)), (int(other), shape)}
-    drop_pairs(hand, touching)
+    drop_pairs(hand, touching | never_meeting_pairs(hand))
 
 
 @njit(cache=True)

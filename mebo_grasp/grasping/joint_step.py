@@ -74,11 +74,6 @@ ClosingState: TypeAlias = Any
 """A record of ``STATE_TYPE``."""
 
 
-def new_state() -> ClosingState:
-    """Allocate the state."""
-    return np.zeros(1, STATE_TYPE)[0]
-
-
 @njit(cache=True)
 def _gap_after(
     hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses,
@@ -102,6 +97,9 @@ def _gap_after(
             if 0.0 < gap <= rule.gap_tolerance and state.hit[shape] == 1 and state.nearest < 0:
                 state.nearest = i
             to_object = min(to_object, gap)
+    if share == 1.0 and to_object <= 0.0:
+        # The object stops this step; whether the hand would too is asked where it can go.
+        return to_object, np.inf
     return to_object, self_gap_of_finger(hand, poses, f, j, turn)
 
 

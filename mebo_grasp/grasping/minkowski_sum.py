@@ -3,7 +3,7 @@
 With every contact force limited by itself (L-infinity; Ferrari and Canny, 1992), the wrenches that a grasp can
 apply are the Minkowski sum of the hulls of {0} and each contact's edge wrenches. Its corners are too many to list
 ((m + 1) to the power of n), but its support is cheap: h(u) = sum over contacts of max(0, max over edges u . w).
-The expanding polytope of ``polytope`` needs no more: it asks for the corner farthest along a facet's normal.
+The expanding polytope of ``origin_distance`` needs no more: it asks for the corner farthest along a facet's normal.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from mebo_grasp.grasping.origin_distance import confirmed, nearest_plane
 from mebo_grasp.grasping.polytope import (
     CONVERGED,
     DEGENERATE,
@@ -19,12 +20,11 @@ from mebo_grasp.grasping.polytope import (
     MOST_FACETS,
     OUTSIDE,
     TOLERANCE,
-    _add_point,
-    _allocate,
-    _begin,
-    _confirmed,
-    _look_from,
-    _start,
+    add_point,
+    allocate,
+    begin,
+    look_from,
+    start_from,
 )
 
 FloatArray = npt.NDArray[np.float64]
@@ -83,22 +83,19 @@ def _nearest_facet_of_sum(sets: FloatArray, capacity: int) -> tuple[float, int]:
     points = np.zeros((MOST_CORNERS, d))
     count = _first_corners(sets, points)
     simplex, inside = np.empty(d + 1, np.int64), np.zeros(d)
-    if not _begin(points[:count], simplex, inside):
+    if not begin(points[:count], simplex, inside):
         return 0.0, OUTSIDE
-    hull = _allocate(MOST_CORNERS, d, capacity)
-    if not _start(points, simplex, inside, hull):
+    hull = allocate(MOST_CORNERS, d, capacity)
+    if not start_from(points, simplex, inside, hull):
         return 0.0, DEGENERATE
     while count < MOST_CORNERS:
-        nearest = -1
-        for f in range(hull.used[0]):
-            if hull.alive[f] == 1 and (nearest < 0 or hull.offsets[f] < hull.offsets[nearest]):
-                nearest = f
+        nearest = nearest_plane(hull)
         support = _corner(sets, hull.normals[nearest], points[count])
         if support <= 0.0:
             return 0.0, OUTSIDE
         if support <= hull.offsets[nearest] + TOLERANCE:
-            return _confirmed(points, hull, nearest, inside)
-        if not _add_point(points, count, hull, _look_from(points, count, hull)):
+            return confirmed(points, hull, nearest, inside)
+        if not add_point(points, count, hull, look_from(points, count, hull)):
             return 0.0, FULL
         count += 1
     return 0.0, FULL

@@ -1,15 +1,9 @@
-"""Nearest facet and volume of the convex hull of points in n dimensions, compiled.
+"""A convex polytope that grows point by point in n dimensions, compiled.
 
 Notation
     points: (n, d) array, the generators of the polytope
     facet:  d point indices; unit outward normal u and offset o, so that u . x <= o holds inside
     ridge:  what two facets share, d - 1 points; a facet's neighbour k lies across the ridge without its vertex k
-    h(u):   support, the largest u . x over all points
-
-The search for the nearest facet is an expanding polytope (van den Bergen, 2001, in three dimensions): start
-from a simplex of well-spread points, take the facet whose plane has the smallest signed distance from the
-origin, and add the point that is farthest along its normal, until that facet is one of the hull. If the
-support along a facet's normal is not positive, the origin lies outside and the search ends at once.
 
 A point is added as in any beneath-beyond hull: the facets that see it give way to a cone from it to their
 horizon. The plane of a new facet turns about its ridge, so its normal is a positive combination of the normals
@@ -34,12 +28,8 @@ FLAT = 1e-9
 """A point set thinner than this in some direction spans no volume; wrenches are of the order of 1."""
 TOLERANCE = 1e-11
 """How far a point must lie beyond a facet to be taken for outside."""
-LARGEST_DRIFT = 1e-10
-"""How far the offset of the nearest facet may differ from the one computed anew from its points."""
 MOST_POINTS = 1 << 12
 """Larger sets go to Qhull."""
-FIRST_FACETS = 1024
-FIRST_FACETS_OF_HULL = 4096
 MOST_FACETS = 1 << 20
 
 CONVERGED, OUTSIDE, DEGENERATE, FULL = 0, 1, 2, 3
@@ -60,8 +50,8 @@ class Polytope(NamedTuple):
         used: rows ever used, rows free.
     """
 
-    vertices: IntArray
-    neighbors: IntArray
+    vertices: npt.NDArray[np.int32]
+    neighbors: npt.NDArray[np.int32]
     normals: FloatArray
     offsets: FloatArray
     areas: FloatArray
@@ -114,9 +104,9 @@ def _initial_simplex(points: FloatArray, simplex: IntArray) -> bool:
 
 
 @njit(cache=True)
-def _plane(
+def plane_of(
     points: FloatArray,
-    vertices: IntArray,
+    vertices: npt.NDArray[np.int32],
     inside: FloatArray,
     work: FloatArray,
     normal: FloatArray,
@@ -196,7 +186,8 @@ def _random_key(i: int) -> np.uint64:
 
 
 @njit(cache=True)
-def _allocate(n: int, d: int, capacity: int) -> Polytope:
+def allocate(n: int, d: int, capacity: int) -> Polytope:
+    """Allocate a polytope with room for so many facets, of n points in d dimensions."""
     keys = np.empty(n, np.uint64)
     for i in range(n):
         keys[i] = _random_key(i)
@@ -204,7 +195,7 @@ def _allocate(n: int, d: int, capacity: int) -> Polytope:
     while slots < 2 * capacity * d:
         slots *= 2
     return Polytope(
-        np.empty((capacity, d), np.int64), np.empty((capacity, d), np.int64), np.empty((capacity, d)),
+        np.empty((capacity, d), np.int32), np.empty((capacity, d), np.int32), np.empty((capacity, d)),
         np.empty(capacity), np.empty(capacity), np.empty(capacity), np.zeros(capacity, np.int64),
         np.empty(capacity, np.int64), np.empty(capacity, np.int64), np.empty(capacity, np.int64), keys,
         np.empty(slots, np.uint64), np.empty(slots, np.int64), np.zeros(2, np.int64),
@@ -212,7 +203,7 @@ def _allocate(n: int, d: int, capacity: int) -> Polytope:
 
 
 @njit(cache=True)
-def _start(points: FloatArray, simplex: IntArray, inside: FloatArray, hull: Polytope) -> bool:
+def start_from(points: FloatArray, simplex: IntArray, inside: FloatArray, hull: Polytope) -> bool:
     """Set up the d + 1 facets of a simplex; False if one is degenerate."""
     d = points.shape[1]
     work = np.empty((d - 1, d))
@@ -224,7 +215,7 @@ def _start(points: FloatArray, simplex: IntArray, inside: FloatArray, hull: Poly
                 hull.neighbors[f, at] = k
                 at += 1
         hull.alive[f] = 1
-        hull.offsets[f], hull.areas[f] = _plane(points, hull.vertices[f], inside, work, hull.normals[f])
+        hull.offsets[f], hull.areas[f] = plane_of(points, hull.vertices[f], inside, work, hull.normals[f])
         if hull.areas[f] == 0.0:
             return False
     hull.used[0] = d + 1
@@ -232,7 +223,7 @@ def _start(points: FloatArray, simplex: IntArray, inside: FloatArray, hull: Poly
 
 
 @njit(cache=True)
-def _look_from(points: FloatArray, point: int, hull: Polytope) -> int:
+def look_from(points: FloatArray, point: int, hull: Polytope) -> int:
     """Note the height of a point above every facet; return how many see it, listed in ``hull.seen``."""
     d = points.shape[1]
     n_seen = 0
@@ -260,14 +251,14 @@ def _make_facet(points: FloatArray, point: int, hull: Polytope, c: int, f: int, 
         hull.normals[c, m] = above * hull.normals[g, m] + below * hull.normals[f, m]
         norm += hull.normals[c, m] ** 2
         hull.vertices[c, m] = hull.vertices[f, m]
-    norm = np.sqrt(norm)
+    scale = 1.0 / np.sqrt(norm)
     back = 0
     for m in range(d):
         if hull.neighbors[g, m] == f:
             back = m
     offset, far_f, far_g = 0.0, 0.0, 0.0
     for m in range(d):
-        hull.normals[c, m] /= norm
+        hull.normals[c, m] *= scale
         offset += hull.normals[c, m] * points[point, m]
         far_f += hull.normals[c, m] * points[hull.vertices[f, k], m]
         far_g += hull.normals[c, m] * points[hull.vertices[g, back], m]
@@ -315,7 +306,7 @@ def _join(points: FloatArray, point: int, hull: Polytope, n_fresh: int) -> None:
 
 
 @njit(cache=True)
-def _add_point(points: FloatArray, point: int, hull: Polytope, n_seen: int) -> bool:
+def add_point(points: FloatArray, point: int, hull: Polytope, n_seen: int) -> bool:
     """Replace the facets that see a point by the cone from it to their horizon; False if there is no room."""
     d = points.shape[1]
     n_fresh = 0
@@ -347,7 +338,7 @@ def _add_point(points: FloatArray, point: int, hull: Polytope, n_seen: int) -> b
 
 
 @njit(cache=True)
-def _begin(points: FloatArray, simplex: IntArray, inside: FloatArray) -> bool:
+def begin(points: FloatArray, simplex: IntArray, inside: FloatArray) -> bool:
     """Choose the initial simplex and a point inside it; False if the points are flat."""
     if points.shape[0] < simplex.shape[0] or not _initial_simplex(points, simplex):
         return False
@@ -356,100 +347,7 @@ def _begin(points: FloatArray, simplex: IntArray, inside: FloatArray) -> bool:
     return True
 
 
-@njit(cache=True)
-def _nearest_facet(points: FloatArray, capacity: int) -> tuple[float, int]:
-    """Return the origin's distance to the hull's nearest facet, and how the search ended."""
-    n, d = points.shape
-    simplex, inside = np.empty(d + 1, np.int64), np.zeros(d)
-    if not _begin(points, simplex, inside):
-        return 0.0, OUTSIDE
-    hull = _allocate(n, d, capacity)
-    if not _start(points, simplex, inside, hull):
-        return 0.0, DEGENERATE
-    for _ in range(4 * n + 16):
-        nearest = -1
-        for f in range(hull.used[0]):
-            if hull.alive[f] == 1 and (nearest < 0 or hull.offsets[f] < hull.offsets[nearest]):
-                nearest = f
-        farthest, support = 0, -np.inf
-        for i in range(n):
-            height = 0.0
-            for k in range(d):
-                height += hull.normals[nearest, k] * points[i, k]
-            if height > support:
-                farthest, support = i, height
-        if support <= 0.0:
-            return 0.0, OUTSIDE
-        if support <= hull.offsets[nearest] + TOLERANCE:
-            return _confirmed(points, hull, nearest, inside)
-        if not _add_point(points, farthest, hull, _look_from(points, farthest, hull)):
-            return 0.0, FULL
-    return 0.0, DEGENERATE
-
-
-@njit(cache=True)
-def _confirmed(points: FloatArray, hull: Polytope, facet: int, inside: FloatArray) -> tuple[float, int]:
-    """Return the distance of a facet's plane, computed anew from its points if they span it well."""
-    d = points.shape[1]
-    normal = np.empty(d)
-    offset, area = _plane(points, hull.vertices[facet], inside, np.empty((d - 1, d)), normal)
-    if area > FLAT and abs(offset - hull.offsets[facet]) > LARGEST_DRIFT:
-        return 0.0, DEGENERATE
-    return max(hull.offsets[facet], 0.0), CONVERGED
-
-
-@njit(cache=True)
-def _farthest_first(points: FloatArray, chosen: IntArray) -> IntArray:
-    """Return the other points' indices, each as far as possible from all before it: fewer facets are made in vain."""
-    n, d = points.shape
-    away, order = np.full(n, np.inf), np.empty(n - len(chosen), np.int64)
-    for at in range(n - 1):
-        last = chosen[at] if at < len(chosen) else order[at - len(chosen)]
-        away[last] = -1.0
-        following, farthest = -1, -1.0
-        for i in range(n):
-            if away[i] < 0.0:
-                continue
-            distance2 = 0.0
-            for k in range(d):
-                distance2 += (points[i, k] - points[last, k]) ** 2
-            away[i] = min(away[i], distance2)
-            if away[i] > farthest:
-                following, farthest = i, away[i]
-        if at + 1 >= len(chosen):
-            order[at + 1 - len(chosen)] = following
-    return order
-
-
-@njit(cache=True)
-def _volume(points: FloatArray, capacity: int) -> tuple[float, int]:
-    """Return the hull's volume by adding one point after the other, and how it ended."""
-    n, d = points.shape
-    simplex, inside = np.empty(d + 1, np.int64), np.zeros(d)
-    if not _begin(points, simplex, inside):
-        return 0.0, CONVERGED
-    hull = _allocate(n, d, capacity)
-    if not _start(points, simplex, inside, hull):
-        return 0.0, DEGENERATE
-    total = 0.0
-    for f in range(d + 1):
-        height = hull.offsets[f]
-        for k in range(d):
-            height -= hull.normals[f, k] * inside[k]
-        total += height * hull.areas[f]
-    for i in _farthest_first(points, simplex):
-        n_seen = _look_from(points, i, hull)
-        for s in range(n_seen):
-            total += hull.heights[hull.seen[s]] * hull.areas[hull.seen[s]]
-        if n_seen > 0 and not _add_point(points, i, hull, n_seen):
-            return 0.0, FULL
-    factorial = 1.0
-    for k in range(2, d + 1):
-        factorial *= k
-    return total / factorial, CONVERGED
-
-
-def _guarded(
+def guarded(
     search: Callable[[FloatArray, int], tuple[float, int]], points: FloatArray, capacity: int
 ) -> tuple[float, int]:
     """Search; points so degenerate that a facet has no area divide by zero there and are left to Qhull."""
@@ -459,48 +357,8 @@ def _guarded(
         return 0.0, DEGENERATE
 
 
-def origin_distance(points: FloatArray) -> float:
-    """Return the radius of the largest origin-centred ball in the convex hull of points.
-
-    Args:
-        points: shape (n, d), d >= 2; sets larger than ``MOST_POINTS`` are given to Qhull.
-
-    Returns:
-        The radius; 0 when the origin lies outside or on the hull, or when the hull is flat.
-    """
-    contiguous = np.ascontiguousarray(points, dtype=np.float64)
-    capacity = FIRST_FACETS
-    while len(contiguous) <= MOST_POINTS and capacity <= MOST_FACETS:
-        distance, end = _guarded(_nearest_facet, contiguous, capacity)
-        if end in (CONVERGED, OUTSIDE):
-            return float(distance)
-        if end == DEGENERATE:
-            break
-        capacity *= 4
-    return _qhull_distance(contiguous)
-
-
-def hull_volume(points: FloatArray) -> float:
-    """Return the volume of the convex hull of points, shape (n, d); 0 when it is flat."""
-    contiguous = np.ascontiguousarray(points, dtype=np.float64)
-    capacity = FIRST_FACETS_OF_HULL
-    while len(contiguous) <= MOST_POINTS and capacity <= MOST_FACETS:
-        volume, end = _guarded(_volume, contiguous, capacity)
-        if end == CONVERGED:
-            return float(volume)
-        if end == DEGENERATE:
-            break
-        capacity *= 4
-    hull = _qhull(contiguous)
-    return 0.0 if hull is None else float(hull.volume)
-
-
-def _qhull_distance(points: FloatArray) -> float:
-    hull = _qhull(points)
-    return 0.0 if hull is None else max(0.0, float((-hull.equations[:, -1]).min()))
-
-
-def _qhull(points: FloatArray) -> ConvexHull | None:
+def qhull(points: FloatArray) -> ConvexHull | None:
+    """Return Qhull's hull of points, shape (n, d); None if they are flat."""
     try:
         return ConvexHull(points)
     except (QhullError, ValueError):

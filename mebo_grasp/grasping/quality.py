@@ -49,16 +49,19 @@ def measure(
     """Compute the metrics of a set of contacts on an object."""
     positions, normals = contacts.points, contacts.normals
     length = torque_length(target, settings)
-    wrenches = wrenches_of(positions, normals, target, settings)
+    if settings.contact_model == "hard":
+        wrenches, isotropy = wrench_space.hard_contacts(
+            positions, normals, settings.friction, settings.cone_edges, target.center_of_mass, length
+        )
+    else:
+        wrenches = wrenches_of(positions, normals, target, settings)
+        isotropy = singular_ratio(
+            grasp_matrix(settings.contact_model, positions, normals, target.center_of_mass, length)
+        )
     epsilon = wrench_space.epsilon(wrenches)
     closed = wrench_space.force_closure(epsilon)
     wanted = settings.quality == "volume" or (settings.compute_volume and closed)
     volume = wrench_space.volume(wrenches) if wanted else 0.0
-    if settings.contact_model == "hard":
-        isotropy = wrench_space.isotropy(positions, normals, target.center_of_mass, length)
-    else:
-        G = grasp_matrix(settings.contact_model, positions, normals, target.center_of_mass, length)
-        isotropy = singular_ratio(G)
     values = {
         "epsilon": epsilon,
         "volume": volume,

@@ -13,13 +13,14 @@ from mebo_grasp.errors import InvalidHandError
 from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, HandPosture, Pose
 from mebo_grasp.grasping import closing, hand_motion
 from mebo_grasp.grasping.bullet_world import BulletWorld
-from mebo_grasp.grasping.contacts import ContactFinder, Contacts
+from mebo_grasp.grasping.compiled_trial import TrialRunner
+from mebo_grasp.grasping.contacts import Contacts
 from mebo_grasp.grasping.distance_field import build_field
 from mebo_grasp.grasping.engine import BULLET, FAST, Engine, exact_gap
 from mebo_grasp.grasping.hand_arrays import MOST_JOINTS, build_hand_arrays
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.hand_motion import exempt_touching_pairs
-from mebo_grasp.grasping.joint_step import ClosingRule, new_state
+from mebo_grasp.grasping.joint_step import ClosingRule
 from mebo_grasp.grasping.metrics.chosen import ChosenMetric, ClosedGrasp
 from mebo_grasp.grasping.quality import GraspMetrics, measure
 from mebo_grasp.grasping.target_object import TargetObject
@@ -43,15 +44,14 @@ class GraspSimulator:
         self.target = target
         self.hand = hand
         self.settings = settings or TrialSettings()
-        self._state = new_state()
-        self._poses = hand_motion.new_poses()
         bullet = self.settings.engine == "bullet"
         surface = target.parts_surface if bullet else target.mesh
         self._field = build_field(surface, target.solid_parts)
         self._rule = ClosingRule(self.settings.step, self.settings.gap_tolerance, self.settings.whole_finger)
         self._tree = build_tree(np.array(surface.triangles, dtype=np.float64))
         self._world: BulletWorld | None = None
-        self._take_preshape(hand.preshape)
+        self._open_hand = hand.preshape
+        self._take_preshape(self._open_hand)
         self._chosen = ChosenMetric(target, hand, self.settings)
 
     def _take_preshape(self, preshape: HandPosture) -> None:
@@ -66,11 +66,13 @@ class GraspSimulator:
         rods = np.array([shape.kind in ("capsule", "sphere") for shape in self._layout.shapes])
         screened = rods & bool(self.target.solid_parts)
         kind = BULLET if self.settings.engine == "bullet" else FAST
-        self._engine = Engine(kind, self._world.callback, asked_at, self._tree, screened)
-        self._finder = ContactFinder(
+        nearest = np.full(len(rods), -1)
+        self._engine = Engine(kind, self._world.callback, asked_at, self._tree, screened, nearest)
+        self._runner = TrialRunner(
             self._arrays, self._layout, self._field, self._engine, self._world, self._rule, self.settings
         )
         self._preshape = preshape
+        self._places = [[preshape.names.index(name) for name in joints] for joints in self._layout.joints]
 
     def trial(self, T_object_tcp: Pose, preshape: HandPosture | None = None) -> Grasp:
         """Execute one trial.
@@ -88,27 +90,24 @@ class GraspSimulator:
             InvalidHandError: the preshape names a joint that the hand has not, or puts one beyond its limits.
         """
         begun = time.perf_counter()
-        posture = self.hand.posture(preshape)
-        if posture != self._preshape:
+        posture = self._open_hand if preshape is None else self.hand.posture(preshape)
+        if posture is not self._preshape and posture != self._preshape:
             self._take_preshape(posture)
-        closed = closing.run_trial(
-            self._arrays, self._field, self._engine, self._rule, self._poses, self._state, T_object_tcp.matrix
-        )
+        touching = self._runner.run(T_object_tcp.matrix)
         self._raise_pending()
-        if not closed:
+        if touching is None:
             return self._grasp(T_object_tcp, GraspOutcome.COLLISION, (), GraspMetrics(), begun)
-        touching = self._finder.find(self._poses)
         if not touching.links:
             return self._grasp(T_object_tcp, GraspOutcome.NO_CONTACT, (), GraspMetrics(), begun)
         metrics = measure(touching, self.target, self.settings)
-        contacts = tuple(map(GraspContact, *touching))
+        contacts = GraspContact.from_rows(*touching)
         return self._grasp(T_object_tcp, GraspOutcome.GRASPED, contacts, metrics, begun)
 
     def free_shares(self) -> npt.NDArray[np.float64]:
         """Return how much of one more step each closing joint could make after the last trial, shape (joints,)."""
         shares = np.zeros((len(self.hand.fingers), MOST_JOINTS))
         closing.free_shares(
-            self._arrays, self._field, self._engine, self._rule, self._poses, self._state, shares
+            self._arrays, self._field, self._engine, self._rule, self._runner.poses, self._runner.state, shares
         )
         self._raise_pending()
         used = np.arange(MOST_JOINTS) < self._arrays["joint_count"][: len(shares), None]
@@ -155,7 +154,7 @@ class GraspSimulator:
         """Count the links that overlap the object where the hand stands."""
         colliding = set()
         for shape, placed in enumerate(self._layout.shapes):
-            pose = self._poses["group"][self._arrays["shape_group"][shape]]
+            pose = self._runner.poses["group"][self._arrays["shape_group"][shape]]
             lower, upper = hand_motion.gap_bounds(self._arrays, self._field, pose, shape)
             if upper < 0.0 or (
                 lower <= 0.0 and exact_gap(self._engine, self._arrays, self._field, pose, shape) <= 0.0
@@ -181,17 +180,20 @@ class GraspSimulator:
     ) -> None:
         self.close()
 
-    def _posture(self) -> HandPosture:
-        values = dict(zip(self._preshape.names, self._preshape.positions, strict=True))
-        for joints, angles in zip(self._layout.joints, self._poses["joints"].tolist(), strict=False):
-            values.update(zip(joints, angles, strict=False))
-        return HandPosture(tuple(values), tuple(values.values()))
+    def _posture(self, outcome: GraspOutcome) -> HandPosture:
+        if outcome is GraspOutcome.COLLISION:
+            return self._preshape
+        positions = list(self._preshape.positions)
+        for places, angles in zip(self._places, self._runner.poses["joints"].tolist(), strict=False):
+            for place, angle in zip(places, angles, strict=False):
+                positions[place] = angle
+        return HandPosture(self._preshape.names, tuple(positions))
 
     def _grasp(
         self, T_object_tcp: Pose, outcome: GraspOutcome, contacts: tuple[GraspContact, ...], metrics: GraspMetrics,
         begun: float,
     ) -> Grasp:
-        posture = self._posture()
+        posture = self._posture(outcome)
         if not self._chosen.is_basic:
             closed = ClosedGrasp(T_object_tcp, outcome, contacts, posture, metrics, self._count_colliding)
             metrics = self._chosen.apply(closed)

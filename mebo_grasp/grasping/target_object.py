@@ -156,7 +156,7 @@ class TargetObject:
         bounds = self.bounds
         return bounds[1] - bounds[0]
 
-    @property
+    @cached_property
     def longest_side(self) -> float:
         """Longest side of the axis-aligned box, metres."""
         return float(self.extents.max())

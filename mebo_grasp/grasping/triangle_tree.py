@@ -22,6 +22,7 @@ class TriangleTree(NamedTuple):
 
     Attributes:
         triangles: (n, 3, 3) corners, sorted by leaf.
+        normals: (n, 3) unit normals of the triangles, 0 for one without area.
         lower, upper: (m, 3) boxes of the nodes.
         ball: (m, 4) centre and radius of a ball about each node's triangles.
         triangle_ball: (n, 4) the same for each triangle.
@@ -31,6 +32,7 @@ class TriangleTree(NamedTuple):
     """
 
     triangles: FloatArray
+    normals: FloatArray
     lower: FloatArray
     upper: FloatArray
     ball: FloatArray
@@ -70,6 +72,7 @@ def build_tree(triangles: FloatArray) -> TriangleTree:
     corners = [ordered[s:e].reshape(-1, 3) for s, e in zip(starts, ends, strict=True)]
     return TriangleTree(
         ordered,
+        _normals(ordered),
         lower,
         upper,
         np.array([_ball(of_node) for of_node in corners]),
@@ -79,6 +82,13 @@ def build_tree(triangles: FloatArray) -> TriangleTree:
         np.ascontiguousarray(ends),
         order,
     )
+
+
+def _normals(triangles: FloatArray) -> FloatArray:
+    """Return the unit normals of triangles, shape (n, 3); 0 for a triangle without area."""
+    across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    twice_area = np.linalg.norm(across, axis=1, keepdims=True)
+    return np.ascontiguousarray(np.divide(across, twice_area, out=np.zeros_like(across), where=twice_area > 0.0))
 
 
 def _ball(points: FloatArray) -> FloatArray:

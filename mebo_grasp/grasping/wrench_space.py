@@ -13,7 +13,8 @@ import numpy.typing as npt
 from numba import njit
 
 from mebo_grasp.errors import InvalidSettingsError
-from mebo_grasp.grasping.polytope import hull_volume, origin_distance
+from mebo_grasp.grasping.hull_volume import hull_volume
+from mebo_grasp.grasping.origin_distance import origin_distance
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -157,11 +158,29 @@ def isotropy(
     """
     p = np.asarray(positions, dtype=np.float64).reshape(-1, 3) - np.asarray(center, dtype=np.float64)
     n = np.asarray(normals, dtype=np.float64).reshape(-1, 3)
-    if len(p) == 0:
+    return float(_isotropy(p, np.ascontiguousarray(n), torque_length))
+
+
+@njit(cache=True)
+def _isotropy(arms: FloatArray, normals: FloatArray, torque_length: float) -> float:
+    """Return the grasp isotropy index of hard contacts at ``arms`` from the centre, shapes (n, 3)."""
+    if len(arms) < 2:
         return 0.0
-    G = _with_torques(p, contact_frames(np.ascontiguousarray(n)), torque_length)
-    singular = np.linalg.svd(G, compute_uv=False)
-    if singular[0] <= 0.0 or len(singular) < 6:
-        return 0.0
-    index = float(singular[-1] / singular[0])
+    G = _with_torques(arms, contact_frames(normals), torque_length)
+    singular = np.linalg.svd(G, full_matrices=False)[1]
+    index = singular[-1] / singular[0]
     return index if index > 1e-12 else 0.0
+
+
+@njit(cache=True)
+def hard_contacts(
+    positions: FloatArray, normals: FloatArray, friction: float, edges: int, center: FloatArray, torque_length: float
+) -> tuple[FloatArray, float]:
+    """Return ``contact_wrenches`` and ``isotropy`` at one go, for contacts and settings known to be sound."""
+    arms = positions - center
+    if friction > 0.0:
+        directions = np.empty((len(normals), edges, 3))
+        _fill_cones(normals, friction, directions)
+    else:
+        directions = normals.copy().reshape(-1, 1, 3)
+    return _with_torques(arms, directions, torque_length), _isotropy(arms, normals, torque_length)

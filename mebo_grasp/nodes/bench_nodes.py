@@ -32,6 +32,7 @@ from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.nodes import qos
 from mebo_grasp.nodes.domain import private_domain
 from mebo_grasp.nodes.processes import NodeGroup, NodeProcess
+from mebo_grasp.nodes.runtime import forget_garbage
 from mebo_grasp.optimization.methods.base import DEFAULT_METHOD
 from mebo_grasp.solutions.archive import SolutionArchive
 from mebo_grasp.solutions.occlusion import Box, Occlusion
@@ -53,6 +54,7 @@ class Bench:
         self.node = Node("bench", context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
+        forget_garbage()
 
     def wait(self, condition: Callable[[], bool], what: str) -> None:
         """Spin until a condition holds."""
@@ -62,16 +64,18 @@ class Bench:
                 raise TimeoutError(f"{what} did not come within {TIMEOUT:.0f} s")
             self._executor.spin_once(timeout_sec=0.1)
 
-    def time_calls(self, kind: Any, service: str, requests: list[Any]) -> FloatArray:
-        """Call a service once a request; return milliseconds, shape (n,)."""
+    def time_calls(
+        self, kind: Any, service: str, requests: list[Any], clock: Callable[[], Any] = time.perf_counter
+    ) -> FloatArray:
+        """Call a service once a request; return milliseconds, shape (n,), or (n, c) if the clock tells c times."""
         client = self.node.create_client(kind, service)
         self.wait(client.service_is_ready, f"service {service}")
         times = []
         for request in requests:
-            start = time.perf_counter()
+            start = clock()
             future = client.call_async(request)
             self.wait(future.done, f"answer of {service}")
-            times.append(1000 * (time.perf_counter() - start))
+            times.append(1000 * (clock() - start))
         return np.array(times)
 
     def close(self) -> None:
@@ -88,6 +92,14 @@ def spread(name: str, values: FloatArray, unit: str = "ms") -> None:
         f"{name}: median {median:.2f} {unit}, 5 % {low:.2f}, 95 % {high:.2f}, 99 % {last:.2f}, "
         f"max {values.max():.2f} ({len(values)} samples)"
     )
+
+
+def processor_seconds(node: NodeProcess) -> float:
+    """Return the processor time that all threads of a node have taken so far, as Linux accounts it."""
+    nanoseconds = 0
+    for task in Path(f"/proc/{node.pid}/task").iterdir():
+        nanoseconds += int((task / "schedstat").read_text(encoding="ascii").split()[0])
+    return nanoseconds / 1e9
 
 
 def memory(node: NodeProcess) -> float:

@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
 from mebo_grasp.errors import InvalidSettingsError, RunLogError
-from mebo_grasp.grasp import FloatArray, Pose
+from mebo_grasp.grasp import FloatArray, HandPosture, Pose
 from mebo_grasp.grasping.facet_space import FacetSpace, facet_space
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.pose_space import PoseSpace, distance_weights, pose_space_6d, position_space
+from mebo_grasp.grasping.posture_space import PosturePoseSpace, pose_posture_space
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.nodes.settings import OptimizerNodeSettings
 from mebo_grasp.optimization.input_noise import InputNoise
 from mebo_grasp.optimization.optimizer import Optimizer, OptimizerSettings
-from mebo_grasp.optimization.run_log import LoggedOptimizer
+from mebo_grasp.optimization.run_log import LoggedOptimizer, RunLog
 from mebo_grasp.optimization.search_space import SearchSpace
 
 SAME_POSE = 1e-6
 """Largest difference, metres and radians, at which two poses are the same, seen through a message."""
 
-SPACES = ("position", "pose", "facet")
+SPACES = ("position", "pose", "pose_posture", "facet")
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class ExplorationPlan:
     """
 
     object_id: str
-    pose_space: PoseSpace | FacetSpace
+    pose_space: PoseSpace | FacetSpace | PosturePoseSpace
     settings: OptimizerNodeSettings
 
     @property
@@ -79,6 +80,15 @@ class ExplorationPlan:
             min_distance=settings.min_distance or None,
         )
 
+    @property
+    def with_posture(self) -> bool:
+        """Whether a candidate is a pose and a posture."""
+        return isinstance(self.pose_space, PosturePoseSpace)
+
+    def posture_of(self, x: FloatArray) -> HandPosture | None:
+        """Return the posture in which a candidate arrives; None where that is the hand's preshape."""
+        return self.pose_space.to_posture(x) if isinstance(self.pose_space, PosturePoseSpace) else None
+
     def open_optimizer(self) -> Optimizer | LoggedOptimizer:
         """Return a new optimizer, or the one that the run log tells of.
 
@@ -91,26 +101,21 @@ class ExplorationPlan:
         path = Path(self.settings.run_log)
         if path.exists() and path.stat().st_size > 0:
             logged = LoggedOptimizer.resume(path)
-            self._check_same_run(logged.optimizer)
+            self._check_same_run(logged.optimizer, RunLog.seed_of(path))
             return logged
         # A process killed while it created the file leaves an empty one: there is nothing to resume.
         path.unlink(missing_ok=True)
         path.parent.mkdir(parents=True, exist_ok=True)
         return LoggedOptimizer.create(path, self.search_space, method, self.optimizer_settings, seed)
 
-    def _check_same_run(self, optimizer: Optimizer) -> None:
-        space = self.search_space
+    def _check_same_run(self, optimizer: Optimizer, seed: int | None) -> None:
+        seed = self.settings.seed if seed is None else seed
+        logged = _identity(seed, optimizer.method.name, optimizer.settings, optimizer.space)
+        asked = _identity(self.settings.seed, self.settings.method, self.optimizer_settings, self.search_space)
         differences = [
-            what
-            for what, same in (
-                ("method", optimizer.method.name == self.settings.method),
-                ("settings", optimizer.settings == self.optimizer_settings),
-                ("space", optimizer.space.names == space.names),
-                ("lower_bounds", np.array_equal(optimizer.space.lower, space.lower)),
-                ("upper_bounds", np.array_equal(optimizer.space.upper, space.upper)),
-                ("rotation_weight", np.array_equal(optimizer.space.distance_weights, space.distance_weights)),
-            )
-            if not same
+            f"{name} ({value} in the log, {asked[name]} now)"
+            for name, value in logged.items()
+            if value != asked[name]
         ]
         if differences:
             raise RunLogError(
@@ -133,14 +138,36 @@ class ExplorationPlan:
     def point_of(self, pose: Pose) -> FloatArray | None:
         """Return the point of the search space that stands for a pose, shape (d,).
 
-        None when the pose is not of this space: out of bounds, or other where the space is fixed.
+        None when the pose is not of this space: out of bounds, or other where the space is fixed; always None where
+        a posture belongs to the point, which an answer does not tell.
         """
+        if isinstance(self.pose_space, PosturePoseSpace):
+            return None
         x = self.pose_space.from_pose(pose)
         if not self.search_space.contains(x):
             return None
+        return x if self.has_pose(x, pose) else None
+
+    def has_pose(self, x: FloatArray, pose: Pose) -> bool:
+        """Whether a point of the search space, shape (d,), stands for a pose, seen through a message."""
         difference = self.pose_space.to_pose(x).inverse() @ pose
         moved = max(np.linalg.norm(difference.position), difference.rotation.magnitude())
-        return x if moved < SAME_POSE else None
+        return bool(moved < SAME_POSE)
+
+
+def _identity(
+    seed: int, method: str, settings: OptimizerSettings, space: SearchSpace
+) -> dict[str, object]:
+    """Return by name what two runs must have in common to be one."""
+    return {
+        "method": method,
+        "seed": seed,
+        **asdict(settings),
+        "space": list(space.names),
+        "lower_bounds": space.lower.tolist(),
+        "upper_bounds": space.upper.tolist(),
+        "rotation_weight": space.distance_weights.tolist(),
+    }
 
 
 def make_plan(settings: OptimizerNodeSettings) -> ExplorationPlan:
@@ -154,9 +181,11 @@ def make_plan(settings: OptimizerNodeSettings) -> ExplorationPlan:
     if settings.space not in SPACES:
         raise InvalidSettingsError(f"space is '{settings.space}', known are {', '.join(SPACES)}")
     bounds = settings.lower_bounds or None, settings.upper_bounds or None
-    pose_space: PoseSpace | FacetSpace
+    pose_space: PoseSpace | FacetSpace | PosturePoseSpace
     if settings.space == "facet":
         pose_space = facet_space(target, hand, *bounds, facet=settings.facet)
+    elif settings.space == "pose_posture":
+        pose_space = pose_posture_space(target, hand, *bounds, synergies=settings.synergies)
     else:
         pose_space = (position_space if settings.space == "position" else pose_space_6d)(target, hand, *bounds)
     return ExplorationPlan(target.object_id, pose_space, settings)

@@ -1,4 +1,7 @@
-"""``hand_node``: tries candidate poses with a simulated hand and publishes how good each grasp is."""
+"""``hand_node``: tries candidate poses with a simulated hand and publishes how good each grasp is.
+
+With ``expects_posture`` a candidate is a pose and the posture in which the hand arrives, two messages of one stamp.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,10 @@ from geometry_msgs.msg import PoseStamped
 from mebo_grasp_interfaces.msg import GraspQuality
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 from visualization_msgs.msg import MarkerArray
 
-from mebo_grasp.errors import MeboGraspError
+from mebo_grasp.errors import InvalidHandError, MeboGraspError
 from mebo_grasp.grasp import Grasp, Pose, StampedGrasp
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.pose_space import position_space
@@ -20,17 +23,18 @@ from mebo_grasp.grasping.simulator import GraspSimulator
 from mebo_grasp.grasping.target_object import ConcaveShape, TargetObject
 from mebo_grasp.grasping.trial import ContactModel, EngineName, QualityName, TrialSettings
 from mebo_grasp.nodes import markers, qos
-from mebo_grasp.nodes.clock import StampSource
+from mebo_grasp.nodes.candidate_pairs import CandidatePairs
+from mebo_grasp.nodes.clock import StampSource, random_offset
 from mebo_grasp.nodes.parameters import declare
 from mebo_grasp.nodes.runtime import guarded, run_node
 from mebo_grasp.nodes.settings import HandNodeSettings
-from msg_adapters.grasp import to_grasp_quality_msg, to_joint_state_msg
+from msg_adapters.grasp import from_joint_state_msg, to_grasp_quality_msg, to_joint_state_msg
 from msg_adapters.pose import from_pose_stamped_msg
-from msg_adapters.time import from_time_msg
+from msg_adapters.time import from_time_msg, to_time_msg
 
 
 class HandNode(Node):
-    """Subscribes to ``candidate_pose``; publishes ``grasp_quality``, ``joint_states`` and markers.
+    """Subscribes to candidates; publishes ``grasp_quality``, ``joint_states`` and markers.
 
     Raises:
         MeboGraspError: a parameter, the object or the hand description is not usable.
@@ -54,10 +58,15 @@ class HandNode(Node):
                 engine=cast(EngineName, settings.engine),
             ),
         )
-        self._next_stamp = StampSource(lambda: self.get_clock().now().nanoseconds)
+        self._next_stamp = StampSource(lambda: self.get_clock().now().nanoseconds, offset_ns=random_offset())
         self._marker_period = 1.0 / settings.marker_rate if settings.marker_rate > 0 else float("inf")
         self._markers_due = 0.0
         self._warm_up()
+        self._posture_timeout = settings.posture_timeout
+        self._pairs: CandidatePairs[PoseStamped, JointState] | None = None
+        if settings.expects_posture:
+            self._pairs = CandidatePairs(settings.posture_timeout)
+            self.create_timer(settings.posture_timeout / 4.0, self._give_up_halves)
         self._advertise(settings.hand_namespace)
         self.get_logger().info(
             f"hand '{self._hand.name}' is ready to grasp '{self._target.object_id}' "
@@ -68,6 +77,7 @@ class HandNode(Node):
     def _warm_up(self) -> None:
         # What compiles or is built at its first use does so before the first candidate can come: later it
         # would look like a silent hand.
+        self.get_logger().info("preparing; a first start compiles, which takes minutes")
         start = time.perf_counter()
         space = position_space(self._target, self._hand)
         self._simulator.trial(space.to_pose((space.lower + space.upper) / 2.0))
@@ -85,28 +95,67 @@ class HandNode(Node):
         description = self.create_publisher(String, f"{prefix}robot_description", qos.LATCHED)
         description.publish(String(data=self._hand.urdf_path.read_text(encoding="utf-8")))
         self.create_subscription(PoseStamped, f"{prefix}candidate_pose", self._on_candidate, qos.CANDIDATES)
+        if self._pairs is not None:
+            self.create_subscription(JointState, f"{prefix}candidate_posture", self._on_posture, qos.CANDIDATES)
 
     @guarded
     def _on_candidate(self, candidate: PoseStamped) -> None:
+        if self._pairs is None:
+            self._answer(candidate.header, self._try_candidate(candidate))
+            return
+        pair = self._pairs.add_pose(from_time_msg(candidate.header.stamp), candidate, time.monotonic())
+        if pair is not None:
+            self._answer(candidate.header, self._try_candidate(*pair))
+
+    @guarded
+    def _on_posture(self, posture: JointState) -> None:
+        assert self._pairs is not None
+        pair = self._pairs.add_posture(from_time_msg(posture.header.stamp), posture, time.monotonic())
+        if pair is not None:
+            self._answer(pair[0].header, self._try_candidate(*pair))
+
+    @guarded
+    def _give_up_halves(self) -> None:
+        assert self._pairs is not None
+        for stamp_ns, half in self._pairs.give_up(time.monotonic()).items():
+            came, missing = ("pose", "posture") if half.pose is not None else ("posture", "pose")
+            reason = (
+                f"no candidate_{missing} came within {self._posture_timeout:g} s of the candidate_{came} with stamp "
+                f"{stamp_ns} ns; this hand expects both with one stamp (expects_posture)"
+            )
+            self.get_logger().warning(f"candidate refused: {reason}")
+            header = half.pose.header if half.pose is not None else Header(stamp=to_time_msg(stamp_ns))
+            header.frame_id = header.frame_id or self._target.object_id
+            self._answer(header, self._refused(half.pose, reason))
+
+    def _refused(self, candidate: PoseStamped | None, reason: str) -> Grasp:
+        try:
+            pose = Pose.identity() if candidate is None else from_pose_stamped_msg(candidate, self._target.object_id)
+        except MeboGraspError:
+            pose = Pose.identity()
+        return Grasp.failed(pose, reason, self._target.object_id, self._hand.name)
+
+    def _answer(self, header: Header, grasp: Grasp) -> None:
         # The header goes back as it came; only a stamp of zero, as typed by hand, is given an identity.
-        stamp_ns = from_time_msg(candidate.header.stamp) or self._next_stamp()
-        grasp = self._try_candidate(candidate)
-        self._qualities.publish(
-            to_grasp_quality_msg(StampedGrasp(stamp_ns, grasp), candidate.header.frame_id)
-        )
+        stamp_ns = from_time_msg(header.stamp) or self._next_stamp()
+        self._qualities.publish(to_grasp_quality_msg(StampedGrasp(stamp_ns, grasp), header.frame_id))
         if grasp.hand_posture.names:
             self._joints.publish(to_joint_state_msg(grasp.hand_posture, stamp_ns))
         self._show(grasp)
 
-    def _try_candidate(self, candidate: PoseStamped) -> Grasp:
+    def _try_candidate(self, candidate: PoseStamped, posture: JointState | None = None) -> Grasp:
         object_id, hand = self._target.object_id, self._hand.name
         try:
             T_object_tcp = from_pose_stamped_msg(candidate, expected_frame=object_id)
+            preshape = None if posture is None else from_joint_state_msg(posture)
         except MeboGraspError as error:
             self.get_logger().warning(f"candidate refused: {error}")
             return Grasp.failed(Pose.identity(), str(error), object_id, hand)
         try:
-            return self._simulator.trial(T_object_tcp)
+            return self._simulator.trial(T_object_tcp, preshape)
+        except InvalidHandError as error:
+            self.get_logger().warning(f"candidate refused: {error}")
+            return Grasp.failed(T_object_tcp, str(error), object_id, hand)
         except Exception as error:
             # The optimizer must hear of every trial, also of one that breaks the simulator.
             message = f"{type(error).__name__}: {error}"

@@ -1,30 +1,36 @@
-"""``optimizer_node``: publishes candidate TCP poses and learns from the grasp qualities that come back."""
+"""``optimizer_node``: publishes candidate TCP poses and learns from the grasp qualities that come back.
+
+In space ``pose_posture`` the posture in which the hand arrives goes out under the same stamp.
+"""
 
 from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Sequence
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from mebo_grasp_interfaces.msg import ExplorationStatus, GraspQuality
 from rclpy.node import Node
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from mebo_grasp.errors import MeboGraspError
+from mebo_grasp.errors import MeboGraspError, RunLogError
 from mebo_grasp.grasp import FloatArray, GraspOutcome, StampedGrasp
 from mebo_grasp.nodes import qos
-from mebo_grasp.nodes.clock import StampSource
-from mebo_grasp.nodes.dispatcher import Dispatcher, DispatchSettings
+from mebo_grasp.nodes.clock import StampSource, random_offset
+from mebo_grasp.nodes.dispatcher import Assignment, Dispatcher, DispatchSettings
 from mebo_grasp.nodes.exploration_plan import make_plan
 from mebo_grasp.nodes.exploration_report import Pace, diagnostics_msg, status_msg
 from mebo_grasp.nodes.optimizer_worker import Event, OptimizerWorker, state_of
 from mebo_grasp.nodes.parameters import declare
-from mebo_grasp.nodes.runtime import guarded, guarded_trigger, run_node
+from mebo_grasp.nodes.runtime import STEADY_CLOCK, guarded, guarded_trigger, run_node
 from mebo_grasp.nodes.settings import OptimizerNodeSettings
 from mebo_grasp.optimization.optimizer import Trial
-from msg_adapters.grasp import from_grasp_quality_msg
+from msg_adapters.grasp import from_grasp_quality_msg, to_joint_state_msg
 from msg_adapters.pose import to_pose_stamped_msg
 from msg_adapters.time import from_time_msg
 
@@ -61,9 +67,10 @@ class OptimizerNode(Node):
             timeout=self._settings.trial_timeout,
             max_attempts=self._settings.max_attempts,
         )
-        self._next_stamp = StampSource(lambda: self.get_clock().now().nanoseconds)
+        self._next_stamp = StampSource(lambda: self.get_clock().now().nanoseconds, offset_ns=random_offset())
         self._dispatcher: Dispatcher[Trial] = Dispatcher(dispatch, self._next_stamp)
         self._ready_hands: tuple[str, ...] = ()
+        self._note_said = ""
         self._state = ExplorationStatus.EXPLORING if self._settings.autostart else ExplorationStatus.IDLE
         self._wake = self.create_guard_condition(self._on_worker_event)
         self._begin_run()
@@ -72,23 +79,28 @@ class OptimizerNode(Node):
     def _begin_run(self) -> None:
         optimizer = self._plan.open_optimizer()
         state = state_of(optimizer)
-        self._known_points = [state.space.from_unit(u) for u in state.observations.taken]
+        self._known_points = state.observations.taken
         self._dispatcher.add(optimizer.pending)
         self._worker = OptimizerWorker(optimizer, self._wake.trigger)
         self._progress = self._worker.progress
         self._run_began = self._next_stamp()
         self._asking = False
+        self._trouble: Exception | None = None
         self._pace = Pace()
         self._status_due = 0.0
         if self._progress.told:
             self.get_logger().info(f"resumed {self._settings.run_log}: {self._progress.told} trials are told")
 
     def _advertise(self) -> None:
+        prefixes = {hand: f"{hand}/" if hand else "" for hand in self._settings.hands}
         self._candidates = {
-            hand: self.create_publisher(
-                PoseStamped, f"{hand}/candidate_pose" if hand else "candidate_pose", qos.CANDIDATES
-            )
-            for hand in self._settings.hands
+            hand: self.create_publisher(PoseStamped, f"{prefix}candidate_pose", qos.CANDIDATES)
+            for hand, prefix in prefixes.items()
+        }
+        self._postures = {
+            hand: self.create_publisher(JointState, f"{prefix}candidate_posture", qos.CANDIDATES)
+            for hand, prefix in prefixes.items()
+            if self._plan.with_posture
         }
         self._status = self.create_publisher(ExplorationStatus, "exploration_status", qos.LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -97,8 +109,8 @@ class OptimizerNode(Node):
         self.create_service(Trigger, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/resume", self._on_resume)
         self.create_service(Trigger, "~/reset", self._on_reset)
-        self.create_timer(CHECK_PERIOD, self._on_check)
-        self.create_timer(DIAGNOSTICS_PERIOD, self._on_diagnostics)
+        self.create_timer(CHECK_PERIOD, self._on_check, clock=STEADY_CLOCK)
+        self.create_timer(DIAGNOSTICS_PERIOD, self._on_diagnostics, clock=STEADY_CLOCK)
         space = self._plan.search_space
         self.get_logger().info(
             f"exploring '{self._plan.object_id}' with {self._settings.method} in {space.dim} dimensions, "
@@ -136,22 +148,30 @@ class OptimizerNode(Node):
         stamped: StampedGrasp = from_grasp_quality_msg(message, expected_frame=self._plan.object_id)
         if stamped.grasp.outcome is GraspOutcome.FAILED:
             return
-        x = self._plan.point_of(stamped.grasp.T_object_tcp)
-        if x is None:
+        pose = stamped.grasp.T_object_tcp
+        x = self._plan.point_of(pose)
+        if x is None and not self._plan.with_posture:
             return
         # After a restart the answers to this optimizer's own candidates come under stamps it forgot.
-        open_trial = self._dispatcher.settle(lambda trial: self._same_point(trial.x, x))
+        open_trial = self._dispatcher.settle(
+            lambda trial: self._plan.has_pose(trial.x, pose) if x is None else self._same_point(trial.x, x)
+        )
         if open_trial is not None:
             self._tell(open_trial, message)
-        elif self._is_news(stamped.stamp_ns, x):
-            self._known_points.append(x)
+        elif x is not None and self._is_news(stamped.stamp_ns, x):
+            self._remember([x])
             self._worker.observe(x, stamped.grasp.quality)
 
     def _is_news(self, stamp_ns: int, x: FloatArray) -> bool:
         # Hands send their old answers to late subscribers: a new run must not begin with those.
         if not self._settings.listen_to_others or stamp_ns < self._run_began:
             return False
-        return not any(self._same_point(known, x) for known in self._known_points)
+        distances = np.abs(self._known_points - self._plan.search_space.to_unit(x))
+        return not bool(np.any(np.max(distances, axis=1) < SAME_POINT))
+
+    def _remember(self, points: Sequence[FloatArray]) -> None:
+        units = [self._plan.search_space.to_unit(x) for x in points]
+        self._known_points = np.vstack([self._known_points, *units])
 
     def _same_point(self, a: FloatArray, b: FloatArray) -> bool:
         space = self._plan.search_space
@@ -163,12 +183,17 @@ class OptimizerNode(Node):
         """Send what waits, order more when too little is open, and say where things stand."""
         if self._state == ExplorationStatus.EXPLORING:
             for assignment in self._dispatcher.assign(time.monotonic(), self._ready_hands):
-                pose = self._plan.pose_space.to_pose(assignment.trial.x)
-                self._candidates[assignment.hand].publish(
-                    to_pose_stamped_msg(assignment.stamp_ns, self._plan.object_id, pose)
-                )
+                self._send(assignment)
             self._ask_if_needed()
         self._publish_status()
+
+    def _send(self, assignment: Assignment[Trial]) -> None:
+        x, stamp_ns, hand = assignment.trial.x, assignment.stamp_ns, assignment.hand
+        posture = self._plan.posture_of(x)
+        if posture is not None:
+            self._postures[hand].publish(to_joint_state_msg(posture, stamp_ns))
+        pose = self._plan.pose_space.to_pose(x)
+        self._candidates[hand].publish(to_pose_stamped_msg(stamp_ns, self._plan.object_id, pose))
 
     def _ask_if_needed(self) -> None:
         if self._asking or self._progress.exhausted or not self._ready_hands:
@@ -190,10 +215,19 @@ class OptimizerNode(Node):
         self._progress = event.progress
         if event.error is not None:
             self.get_logger().error(f"optimizer: {type(event.error).__name__}: {event.error}")
+            # Asking on would spend the budget on trials that are never sent, or that no log tells of.
+            if event.asked or isinstance(event.error, RunLogError):
+                self._halt(event.error)
         if event.asked:
             self._asking = False
-            self._known_points += [trial.x for trial in event.trials]
+            self._remember([trial.x for trial in event.trials])
             self._dispatcher.add(event.trials)
+
+    def _halt(self, error: Exception) -> None:
+        self._trouble = error
+        if self._state == ExplorationStatus.EXPLORING:
+            self._state = ExplorationStatus.PAUSED
+            self._status_due = 0.0
 
     def _finish(self) -> None:
         self._state = ExplorationStatus.FINISHED
@@ -207,7 +241,7 @@ class OptimizerNode(Node):
     @guarded
     def _on_check(self) -> None:
         now_ready = tuple(
-            hand for hand, publisher in self._candidates.items() if publisher.get_subscription_count() > 0
+            hand for hand in self._candidates if all(p.get_subscription_count() > 0 for p in self._publishers_to(hand))
         )
         for hand in set(self._ready_hands) - set(now_ready):
             self.get_logger().warning(f"hand '{hand}' is gone; its trials wait for another")
@@ -218,6 +252,10 @@ class OptimizerNode(Node):
             self.get_logger().warning(f"trial {trial.id} failed: {reason}")
             self._worker.tell_failed(trial.id, reason)
         self._advance()
+
+    def _publishers_to(self, hand: str) -> list[Publisher]:
+        """Return what a hand must listen to before it is given trials."""
+        return [topics[hand] for topics in (self._candidates, self._postures) if hand in topics]
 
     # Orders -------------------------------------------------------------------------------------------
 
@@ -233,6 +271,12 @@ class OptimizerNode(Node):
 
     @guarded_trigger
     def _on_resume(self) -> str:
+        if self._state == ExplorationStatus.PAUSED and isinstance(self._trouble, RunLogError):
+            # The log knows less than the optimizer: go on from what it knows.
+            self._worker.stop()
+            self._dispatcher.clear()
+            self._begin_run()
+        self._trouble = None
         self._change_state("resume", ExplorationStatus.PAUSED, ExplorationStatus.EXPLORING)
         return "exploring"
 
@@ -262,7 +306,11 @@ class OptimizerNode(Node):
         now = time.monotonic()
         if now >= self._status_due:
             self._status_due = now + STATUS_PERIOD
-            self._status.publish(self._status_now())
+            status = self._status_now()
+            self._status.publish(status)
+            if status.message not in ("", self._note_said):
+                self.get_logger().warning(status.message)
+            self._note_said = status.message
 
     def _status_now(self) -> ExplorationStatus:
         return status_msg(
@@ -276,10 +324,14 @@ class OptimizerNode(Node):
         )
 
     def _note(self) -> str:
+        if self._trouble is not None:
+            return f"stopped: {self._trouble}; mend that, then resume"
         if self._state != ExplorationStatus.EXPLORING:
             return ""
         if not self._ready_hands:
-            return f"waiting for a hand on {', '.join(p.topic_name for p in self._candidates.values())}"
+            topics = [p.topic_name for hand in self._candidates for p in self._publishers_to(hand)]
+            hint = " (hand_node with expects_posture: true)" if self._postures else ""
+            return f"waiting for a hand on {', '.join(topics)}{hint}"
         silent = self._dispatcher.silent_hands
         return f"no answer from hand {', '.join(repr(hand) for hand in silent)}" if silent else ""
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterable
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -44,7 +45,19 @@ def declare(node: Node, settings_type: type[Settings]) -> Settings:
     values: dict[str, Any] = {}
     for field in dataclasses.fields(settings_type):  # type: ignore[arg-type]
         values[field.name] = _declare_one(node, field)
+    _warn_of_unknown(node, values)
     return settings_type(**values)
+
+
+def _warn_of_unknown(node: Node, known: Iterable[str]) -> None:
+    """Name the parameters that were given but that nobody reads: ROS itself drops a misspelt one silently."""
+    given = getattr(node, "_parameter_overrides", {})
+    ours = {*known, "use_sim_time", "start_type_description_service"}
+    unknown = sorted(name for name in given if name not in ours and not name.startswith("qos_overrides."))
+    if unknown:
+        node.get_logger().warning(
+            f"unknown parameters are ignored: {', '.join(unknown)}; known are {', '.join(known)}"
+        )
 
 
 def _declare_one(node: Node, field: dataclasses.Field[Any]) -> Any:
@@ -58,11 +71,17 @@ def _declare_one(node: Node, field: dataclasses.Field[Any]) -> Any:
         else:
             value = node.declare_parameter(field.name, default, _descriptor(field)).value
     except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+        whole = "; write whole numbers with a point, such as 1.0" if "expecting type 'DOUBLE" in str(error) else ""
         raise InvalidSettingsError(
-            f"parameter '{field.name}' of node '{node.get_name()}': {error} "
+            f"parameter '{field.name}' of node '{node.get_name()}': {error}{whole} "
             f"(default {field.default!r}: {field.metadata['description']})"
         ) from error
     if isinstance(field.default, tuple):
+        if value is None:
+            raise InvalidSettingsError(
+                f"parameter '{field.name}' of node '{node.get_name()}' is empty (default {field.default!r}: "
+                f"{field.metadata['description']})"
+            )
         return tuple(value)
     _check_finite(node, field.name, value)
     return value

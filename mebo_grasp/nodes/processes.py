@@ -13,6 +13,7 @@ from types import TracebackType
 import yaml
 
 from mebo_grasp.errors import MeboGraspError
+from mebo_grasp.nodes.runtime import PARENT_VARIABLE
 
 STOP_TIMEOUT = 10.0
 """Seconds that a node has to end after SIGINT before it is killed."""
@@ -45,6 +46,7 @@ class NodeProcess:
             # One BLAS thread a node: three nodes share the cores already.
             "OMP_NUM_THREADS": "1",
             "OPENBLAS_NUM_THREADS": "1",
+            PARENT_VARIABLE: str(os.getpid()),
         }
         with self.log_path.open("ab") as log:
             # A session of its own: Ctrl-C reaches the command line alone, which then stops the nodes.

@@ -41,6 +41,12 @@ class HandNodeSettings:
     contact_model: str = parameter("hard", f"what a contact transmits: {', '.join(CONTACT_MODELS)}")
     quality: str = parameter("epsilon", f"metric that is optimized: {', '.join(QUALITY_NAMES)}")
     engine: str = parameter("bullet", "engine of the simulation: bullet (reference) or fast (compiled)")
+    expects_posture: bool = parameter(
+        False, "whether a candidate_posture of the same stamp belongs to every candidate_pose (space pose_posture)"
+    )
+    posture_timeout: float = parameter(
+        1.0, "seconds that one of them waits for the other; then the trial is answered as FAILED", least=0.01, most=60.0
+    )
     marker_rate: float = parameter(5.0, "most markers per second [Hz]; 0 for none", least=0.0, most=100.0)
 
 
@@ -54,8 +60,11 @@ class OptimizerNodeSettings:
     )
     hand: str = parameter("icub_left", "hand: a built-in name or the path of a hand description (YAML)")
     space: str = parameter(
-        "position", "search space: position (3-D, fixed orientation), pose (6-D) or facet (6-D, about a facet)"
+        "position",
+        "search space: position (3-D, fixed orientation), pose (6-D), pose_posture (6-D and amplitudes of synergies) "
+        "or facet (6-D, about a facet)",
     )
+    synergies: int = parameter(2, "amplitudes of the hand's synergies in space pose_posture", least=1, most=100)
     facet: str = parameter("+y", "facet of the object's box that the hand faces in space facet: +x, -x, +y, -y, +z, -z")
     lower_bounds: tuple[float, ...] = parameter(
         (), "lower bounds of the search space [m, rad]; empty: derived from the object's box"

@@ -7,6 +7,7 @@ import os
 import time
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +20,13 @@ from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
 from mebo_grasp.errors import InvalidMessageError, MeboGraspError, WrongFrameError
-from mebo_grasp.grasp import Grasp
+from mebo_grasp.grasp import Grasp, StampedGrasp
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.hand_volumes import HandVolumes
 from mebo_grasp.nodes import markers, qos
 from mebo_grasp.nodes.known_frames import KnownFrames
 from mebo_grasp.nodes.parameters import declare
-from mebo_grasp.nodes.runtime import guarded, guarded_service, run_node
+from mebo_grasp.nodes.runtime import STEADY_CLOCK, guarded, guarded_service, run_node
 from mebo_grasp.nodes.settings import SolutionSetNodeSettings
 from mebo_grasp.solutions.archive import AddStatus, SolutionArchive
 from mebo_grasp.solutions.best_grasp import BestGraspAnswer, BestGraspQuery
@@ -38,6 +39,9 @@ from msg_adapters.occlusion import from_occlusion_msgs
 from msg_adapters.pose import to_pose_array_msg, to_pose_stamped_msg
 from msg_adapters.solution_set import to_solution_set_msg
 from msg_adapters.time import to_time_msg
+
+MESSAGES = 2048
+"""Messages of returned grasps that are kept: the best ones are asked for again and again."""
 
 
 def default_database(object_id: str) -> Path:
@@ -65,6 +69,7 @@ class SolutionSetNode(Node):
         self._published_best: int | None = None
         self._quality_to_beat = 0.0
         self._shown: list[Grasp] = []
+        self._message_of = lru_cache(MESSAGES)(self._make_message)
         self._open_archive()
         self._advertise()
         self._publish_best()
@@ -76,7 +81,7 @@ class SolutionSetNode(Node):
         axis = self._settings.symmetry_axis
         metric = PoseMetric(self._settings.rotation_weight, (axis[0], axis[1], axis[2]) if axis else None)
         hand = HandModel.load(self._settings.hand)
-        start = time.perf_counter()
+        start, own_start = time.perf_counter(), time.process_time()
         self._archive = SolutionArchive(
             path,
             self._object_id,
@@ -87,7 +92,8 @@ class SolutionSetNode(Node):
         )
         self.get_logger().info(
             f"{len(self._archive)} trials of '{self._object_id}' in {path} "
-            f"(opened in {time.perf_counter() - start:.2f} s)"
+            f"(opened in {time.perf_counter() - start:.2f} s; {time.process_time() - own_start:.2f} s of "
+            "processor time)"
         )
 
     def _tell_unknown_hand(self, name: str) -> None:
@@ -106,14 +112,16 @@ class SolutionSetNode(Node):
         self.create_service(ResetArchive, "~/reset", self._on_reset)
         self.create_subscription(OcclusionArray, "occlusions", self._on_occlusions, qos.LATCHED)
         self.create_subscription(GraspQuality, "grasp_quality", self._on_quality, qos.QUALITIES)
-        self.create_timer(1.0 / self._settings.publish_rate, self._on_publish_timer)
-        self.create_timer(1.0 / self._settings.marker_rate, self._on_marker_timer)
+        self.create_timer(1.0 / self._settings.publish_rate, self._on_publish_timer, clock=STEADY_CLOCK)
+        self.create_timer(1.0 / self._settings.marker_rate, self._on_marker_timer, clock=STEADY_CLOCK)
 
     @guarded
     def _on_quality(self, message: GraspQuality) -> None:
         if message.object_id and message.object_id != self._object_id:
             return  # another exploration on the same topic
         trial = from_grasp_quality_msg(message, expected_frame=self._object_id)
+        if trial.stamp_ns == 0:
+            raise InvalidMessageError("a stamp of 0 names no trial: send the header of the candidate back")
         status = self._archive.add(trial)
         if status is AddStatus.DUPLICATE:
             return
@@ -154,12 +162,15 @@ class SolutionSetNode(Node):
         response.considered, response.occluded = answer.considered, answer.occluded
         response.blocked_by = [name for name, _ in answer.blocked_by]
         response.blocked = [count for _, count in answer.blocked_by]
-        response.grasps = [to_grasp_quality_msg(grasp, self._object_id) for grasp in answer.grasps]
+        response.grasps = [self._message_of(grasp) for grasp in answer.grasps]
         if not answer.grasps:
             blocked = answer.considered > 0
             response.error_code = response.ALL_OCCLUDED if blocked else response.NO_GRASP_STORED
             response.message = answer.explanation
         return response
+
+    def _make_message(self, stamped: StampedGrasp) -> GraspQuality:
+        return to_grasp_quality_msg(stamped, self._object_id)
 
     def _to_query(self, request: GetBestGrasp.Request) -> BestGraspQuery:
         rules = {

@@ -8,6 +8,7 @@ kill loses at most the last line, and a torn last line is dropped on reading.
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 from collections.abc import Iterator
@@ -68,6 +69,14 @@ class RunLog:
     def __init__(self, path: Path, stream: TextIO) -> None:
         self.path = path
         self._stream = stream
+        try:
+            # The lock goes with the process, however it ends.
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            stream.close()
+            raise RunLogError(
+                f"the run log {path} is in use by another process: stop that one, or name another file"
+            ) from error
 
     @classmethod
     def create(cls, path: str | os.PathLike[str], header: dict[str, Any]) -> RunLog:
@@ -91,16 +100,16 @@ class RunLog:
         """Open an existing log to continue it; a torn last line is cut off.
 
         Raises:
-            RunLogError: the file is absent or is not a run log.
+            RunLogError: the file is absent, is not a run log, or another process continues it.
         """
         target = Path(path)
-        good_bytes = sum(len(line) for line in _complete_lines(_read(target)))
         try:
-            with target.open("r+b") as stream:
-                stream.truncate(good_bytes)
-            return cls(target, target.open("a", encoding="utf-8"))
+            log = cls(target, target.open("r+", encoding="utf-8"))
+            log._stream.seek(sum(len(line) for line in _complete_lines(_read(target))))
+            log._stream.truncate()
         except OSError as error:
             raise RunLogError(f"cannot continue the run log {target}: {error}") from error
+        return log
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
@@ -119,6 +128,21 @@ class RunLog:
                 f"{target} has format {records[0].get('format')!r}; this version reads {FORMAT_VERSION}"
             )
         return records
+
+    @staticmethod
+    def seed_of(path: str | os.PathLike[str]) -> int | None:
+        """Read the seed of a run; None when it was begun with a generator.
+
+        Raises:
+            RunLogError: the file is absent, or its first line is no record.
+        """
+        target = Path(path)
+        try:
+            with target.open("rb") as stream:
+                seed: int | None = _record(stream.readline(), 0, target).get("seed")
+        except OSError as error:
+            raise RunLogError(f"cannot read the run log {target}: {error}") from error
+        return seed
 
     def write(self, record: dict[str, Any]) -> None:
         """Append one record and hand it to the operating system.

@@ -133,6 +133,7 @@ class SolutionArchive:
                 (stamp, self._hand_volume(self._store.read(stamp).grasp).packed())
                 for stamp in stamps[begin : begin + COMPLETED_AT_ONCE]
             )
+        self._store.pack()
 
     @property
     def object_id(self) -> str:
@@ -228,6 +229,7 @@ class SolutionArchive:
                 added += self._store.insert_many(
                     [(trial, self._packed_volume(self.require_own(trial))) for trial in group]
                 )
+            self._store.pack()
             self._reload()
         return added
 

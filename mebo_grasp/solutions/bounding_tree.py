@@ -39,19 +39,21 @@ class BoundingTree(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def _select(keys: FloatArray, order: IntArray, begin: int, end: int, middle: int) -> None:
-    """Reorder ``order[begin:end]`` so that no key before ``middle`` exceeds one behind it."""
-    low, high = begin, end - 1
+def _select(boxes: FloatArray, order: IntArray, axis: int, middle: int) -> None:
+    """Reorder boxes so that none before ``middle`` lies behind one after it along an axis."""
+    low, high = 0, len(order) - 1
     while low < high:
-        pivot = keys[order[(low + high) // 2]]
+        pivot = boxes[(low + high) // 2, axis] + boxes[(low + high) // 2, 3 + axis]
         i, j = low, high
         while i <= j:
-            while keys[order[i]] < pivot:
+            while boxes[i, axis] + boxes[i, 3 + axis] < pivot:
                 i += 1
-            while keys[order[j]] > pivot:
+            while boxes[j, axis] + boxes[j, 3 + axis] > pivot:
                 j -= 1
             if i <= j:
                 order[i], order[j] = order[j], order[i]
+                for k in range(6):
+                    boxes[i, k], boxes[j, k] = boxes[j, k], boxes[i, k]
                 i += 1
                 j -= 1
         if middle <= j:
@@ -63,17 +65,16 @@ def _select(keys: FloatArray, order: IntArray, begin: int, end: int, middle: int
 
 
 @njit(cache=True, nogil=True)
-def _fit(
-    low: FloatArray, high: FloatArray, order: IntArray, node_low: FloatArray, node_high: FloatArray
-) -> int:
+def _fit(boxes: FloatArray, node_low: FloatArray, node_high: FloatArray) -> int:
     """Set the bounds of a node around its boxes; return the node's widest axis."""
+    node_low[:], node_high[:] = np.inf, -np.inf
+    for i in range(len(boxes)):
+        for axis in range(3):
+            node_low[axis] = min(node_low[axis], boxes[i, axis])
+            node_high[axis] = max(node_high[axis], boxes[i, 3 + axis])
     widest = 0
-    for axis in range(3):
-        least, greatest = np.inf, -np.inf
-        for row in order:
-            least, greatest = min(least, low[row, axis]), max(greatest, high[row, axis])
-        node_low[axis], node_high[axis] = least, greatest
-        if greatest - least > node_high[widest] - node_low[widest]:
+    for axis in (1, 2):
+        if node_high[axis] - node_low[axis] > node_high[widest] - node_low[widest]:
             widest = axis
     return widest
 
@@ -98,17 +99,17 @@ def build_tree(low: FloatArray, high: FloatArray, leaf_size: int) -> BoundingTre
     left = np.full(capacity, LEAF, np.int64)
     node_low = np.empty((capacity, 3))
     node_high = np.empty((capacity, 3))
-    keys = np.empty(n)
+    # The boxes are moved along with their rows: to look for them at their first places takes three times as long.
+    boxes = np.empty((n, 6))
+    boxes[:, :3], boxes[:, 3:] = low, high
     end[0] = n
     count, node = 1, 0
     while node < count:
         b, e = begin[node], end[node]
-        axis = _fit(low, high, order[b:e], node_low[node], node_high[node])
+        axis = _fit(boxes[b:e], node_low[node], node_high[node])
         if e - b > leaf_size:
-            for row in order[b:e]:
-                keys[row] = low[row, axis] + high[row, axis]
             middle = (b + e) // 2
-            _select(keys, order, b, e, middle)
+            _select(boxes[b:e], order[b:e], axis, middle - b)
             left[node] = count
             begin[count], end[count] = b, middle
             begin[count + 1], end[count + 1] = middle, e

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -32,11 +33,13 @@ class Desk(NamedTuple):
             shape (RECENT, 2).
         R: rotation of the TCP, shape (3, 3).
         hand: placed segments, shape (MOST_SEGMENTS, 8).
+        reaches: how far each segment reaches from the hand's middle, shape (MOST_SEGMENTS,), metres.
     """
 
     recent: IntArray
     R: FloatArray
     hand: FloatArray
+    reaches: FloatArray
 
 
 @njit(cache=True, nogil=True)
@@ -98,23 +101,30 @@ def ask_hand(scene: Scene, grasps: Grasps, row: int, mask: int, wanted: Wanted, 
     m, approach = len(capsules), wanted.approach
     has_approach = approach[0] != 0.0 or approach[1] != 0.0 or approach[2] != 0.0
     hand = desk.hand if m < MOST_SEGMENTS else np.empty((m + 1, 8))
+    reaches = desk.reaches if m < MOST_SEGMENTS else np.empty(m + 1)
     shapes, R, position, outer = scene.shapes, desk.R, grasps.positions[row], grasps.outer[row]
+    x, y, z = grasps.points[row, 0], grasps.points[row, 1], grasps.points[row, 2]
     write_rotation(grasps.quaternions[row], R)
     for k in range(m):
         place_segment(R, position, capsules, approach, k, hand[k])
+        dx, dy, dz = hand[k, 0] - x, hand[k, 1] - y, hand[k, 2] - z
+        # A hair more, so that rounding never puts a point of the segment out of reach.
+        reaches[k] = (math.sqrt(dx * dx + dy * dy + dz * dz) + hand[k, 6] + hand[k, 7]) * (1.0 + 1e-9)
     if has_approach:
         place_segment(R, position, capsules, approach, APPROACH, hand[m])
-    x, y, z = grasps.points[row, 0], grasps.points[row, 1], grasps.points[row, 2]
     newest = desk.recent[0, 0]
     for turn in range(-1, len(shapes)):
         shape = newest if turn < 0 else turn
         if turn == newest or shape == FREE or is_masked_out(mask, shape):
             continue
+        # Nearer than this no part of the shape is to the hand's middle.
+        distance = np.inf
+        if not is_beyond(shapes, shape, x, y, z, outer):
+            distance = distance_to(shapes, scene, shape, x, y, z)
         # Where the shape is out of the hand's reach, only the approach can meet it.
-        is_near = not is_beyond(shapes, shape, x, y, z, outer) and (
-            distance_to(shapes, scene, shape, x, y, z) <= outer
-        )
-        for k in range(0 if is_near else m, m + has_approach):
+        for k in range(0 if distance <= outer else m, m + has_approach):
+            if k < m and reaches[k] < distance:
+                continue
             if segment_meets(shapes, scene, shape, hand, k):
                 remember(desk, shape, APPROACH if k == m else k)
                 return int(shape)

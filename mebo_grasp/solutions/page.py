@@ -155,17 +155,24 @@ def _content(
 
 
 def _grasp(stamped: StampedGrasp, hand: Mesh, color: tuple[float, float, float]) -> dict[str, Any]:
-    grasp = stamped.grasp
+    grasp, pose = stamped.grasp, stamped.grasp.T_object_tcp
     lines = []
     for contact in grasp.contacts:
         lines += [(contact.position - NORMAL_LENGTH * contact.normal).tolist(), contact.position.tolist()]
     return {
         "quality": grasp.quality,
-        "position": grasp.T_object_tcp.position.tolist(),
-        "contacts": len(grasp.contacts),
+        "numbers": [
+            f"{grasp.quality:.4f}",
+            f"{grasp.epsilon:.4f}",
+            f"{grasp.volume:.2e}",
+            f"{grasp.isotropy:.3f}",
+            str(len(grasp.contacts)),
+            ", ".join(f"{1000 * value:.1f}" for value in pose.position),
+            ", ".join(f"{value:.1f}" for value in np.degrees(pose.rpy)),
+        ],
         "title": (
-            f"stamp {stamped.stamp_ns} ns, epsilon {grasp.epsilon:.4f}, volume {grasp.volume:.4g}, "
-            f"isotropy {grasp.isotropy:.3f}, xyzw {np.round(grasp.T_object_tcp.quaternion_xyzw, 4).tolist()}"
+            f"stamp {stamped.stamp_ns} ns, {'' if grasp.force_closure else 'no '}force closure, "
+            f"xyzw {np.round(pose.quaternion_xyzw, 4).tolist()}"
         ),
         "color": color,
         "hand": _encode(hand),

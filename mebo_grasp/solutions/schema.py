@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import sqlite3
+from collections.abc import Callable, Iterator
 
 from mebo_grasp.errors import ArchiveError
-from mebo_grasp.solutions.stored_grasps import pack_numbers
+from mebo_grasp.solutions.trial_chunks import pack_all
 
 APPLICATION_ID = 0x4D45424F
 """Written into the database's header: "MEBO"."""
@@ -32,13 +33,41 @@ CREATE TABLE trial_detail (
 # The capsules of the hand in its final posture, as HandVolume.packed() gives them.
 _VERSION_2 = "ALTER TABLE trial ADD COLUMN hand_volume BLOB"
 
-# The numbers of a grasp once more as bytes, see stored_grasps; NULL without a quality above 0.
-_VERSION_3 = """
-ALTER TABLE trial ADD COLUMN numbers BLOB;
-UPDATE trial SET numbers = pack_numbers(stamp_ns, quality, px, py, pz, qx, qy, qz, qw);
+# The numbers of a grasp once more as bytes, for a quick start; version 4 does that better.
+_VERSION_3 = "ALTER TABLE trial ADD COLUMN numbers BLOB"
+
+# Runs of trials once more as bytes, see trial_chunks. Whoever changes a trial removes the chunk that it stands in.
+_FORGET_CHUNK = """DELETE FROM chunk WHERE object = {row}.object AND first_stamp_ns <= {row}.stamp_ns
+    AND last_stamp_ns = (SELECT min(last_stamp_ns) FROM chunk
+        WHERE object = {row}.object AND last_stamp_ns >= {row}.stamp_ns);"""
+_OLD, _NEW = _FORGET_CHUNK.format(row="OLD"), _FORGET_CHUNK.format(row="NEW")
+_VERSION_4 = f"""
+ALTER TABLE trial DROP COLUMN numbers;
+CREATE TABLE chunk (
+    object INTEGER NOT NULL REFERENCES object, last_stamp_ns INTEGER NOT NULL,
+    first_stamp_ns INTEGER NOT NULL, trials INTEGER NOT NULL, grasps BLOB NOT NULL, volumes BLOB NOT NULL,
+    PRIMARY KEY (object, last_stamp_ns, first_stamp_ns)
+);
+CREATE TRIGGER trial_added AFTER INSERT ON trial BEGIN {_NEW} END;
+CREATE TRIGGER trial_changed AFTER UPDATE ON trial BEGIN {_OLD} {_NEW} END;
+CREATE TRIGGER trial_deleted AFTER DELETE ON trial BEGIN {_OLD} END;
 """
 
-MIGRATIONS: tuple[str, ...] = (_VERSION_1, _VERSION_2, _VERSION_3)
+
+def _pack_every_object(connection: sqlite3.Connection) -> None:
+    for (object_key,) in connection.execute("SELECT id FROM object").fetchall():
+        pack_all(connection, object_key)
+
+
+Step = str | Callable[[sqlite3.Connection], None]
+"""SQL, or what is called with the connection."""
+
+MIGRATIONS: tuple[tuple[Step, ...], ...] = (
+    (_VERSION_1,),
+    (_VERSION_2,),
+    (_VERSION_3,),
+    (_VERSION_4, _pack_every_object),
+)
 """``MIGRATIONS[v]`` leads from version v to v + 1; version 0 is an empty database."""
 
 
@@ -49,7 +78,7 @@ def schema_version(connection: sqlite3.Connection) -> int:
 
 
 def prepare_schema(
-    connection: sqlite3.Connection, path: str, migrations: tuple[str, ...] = MIGRATIONS
+    connection: sqlite3.Connection, path: str, migrations: tuple[tuple[Step, ...], ...] = MIGRATIONS
 ) -> None:
     """Bring a database to the newest version, all steps in one transaction.
 
@@ -65,9 +94,7 @@ def prepare_schema(
     version = schema_version(connection)
     (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
     if application_id != APPLICATION_ID and (application_id or version or tables):
-        raise ArchiveError(
-            f"{path} is a database of another program; it is left as it is, name another file"
-        )
+        raise ArchiveError(f"{path} is a database of another program; it is left as it is, name another file")
     if version > len(migrations):
         raise ArchiveError(
             f"{path} has schema version {version}, this program knows up to {len(migrations)}; "
@@ -75,11 +102,13 @@ def prepare_schema(
         )
     if version == len(migrations):
         return
-    connection.create_function("pack_numbers", 9, pack_numbers, deterministic=True)
     connection.execute("BEGIN IMMEDIATE")
     try:
-        for step in migrations[version:]:
-            for statement in filter(str.strip, step.split(";")):
+        for step in (step for steps in migrations[version:] for step in steps):
+            if callable(step):
+                step(connection)
+                continue
+            for statement in _statements(step):
                 connection.execute(statement)
         connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
         connection.execute(f"PRAGMA user_version = {len(migrations)}")
@@ -88,3 +117,13 @@ def prepare_schema(
         if connection.in_transaction:
             connection.execute("ROLLBACK")
         raise
+
+
+def _statements(script: str) -> Iterator[str]:
+    """Cut a script where statements end, but not within a trigger."""
+    statement = ""
+    for piece in script.split(";"):
+        statement += piece + ";"
+        if sqlite3.complete_statement(statement):
+            yield statement
+            statement = ""

@@ -15,12 +15,11 @@ from sklearn.cluster import KMeans
 
 from mebo_grasp.errors import InvalidQueryError
 from mebo_grasp.grasp import FloatArray
+from mebo_grasp.quality_diversity import LARGEST_NUMBER_OF_SETS, best_combination, best_first, best_subset
 from mebo_grasp.solutions.diversity import IntArray
 
 LARGEST_EXACT = 200
 """Solutions among which ``select_exact`` searches at most."""
-LARGEST_NUMBER_OF_SETS = 5_000_000
-"""Sets that ``select_max_qd`` and ``select_by_clusters`` compare at most."""
 RESTARTS = 20
 """Of k-means, each from other first centres."""
 
@@ -101,32 +100,6 @@ def _greatest_rest(y: FloatArray, blockers: IntArray, first: int, number: int) -
     return total
 
 
-@njit(cache=True, nogil=True)
-def qd_of_rows(distances: FloatArray, qualities: FloatArray, rows: IntArray, min_distance: float) -> float:
-    """Return the QD value of a small set (thesis, section 5.3.2); see ``diversity.qd_value``."""
-    m = len(rows)
-    group = np.arange(m)
-    nearest = np.full(m, np.inf)
-    total, least = 0.0, np.inf
-    for i in range(m):
-        total += qualities[rows[i]]
-        least = min(least, qualities[rows[i]])
-        for k in range(m):
-            if k == i:
-                continue
-            distance = distances[rows[i], rows[k]]
-            nearest[i] = min(nearest[i], distance)
-            if distance < min_distance and group[i] != group[k]:
-                old, new = max(group[i], group[k]), min(group[i], group[k])
-                group[group == old] = new
-    if m < 2:
-        return 0.0
-    diverse = 0
-    for i in range(m):
-        diverse += group[i] == i
-    return float(diverse * np.mean(nearest) * (least + total / m))
-
-
 def select_max_qd(
     distances: FloatArray, qualities: FloatArray, size: int, min_distance: float
 ) -> IntArray:
@@ -151,26 +124,7 @@ def select_max_qd(
             f"{math.comb(n, m)} sets of {m} among {n} solutions are too many to compare, the limit is "
             f"{LARGEST_NUMBER_OF_SETS}; leave out the worst or select by clusters"
         )
-    return _best_first(_best_subset(distances, qualities, m, min_distance), qualities)
-
-
-@njit(cache=True, nogil=True)
-def _best_subset(distances: FloatArray, qualities: FloatArray, m: int, min_distance: float) -> IntArray:
-    n = len(qualities)
-    rows = np.arange(m)
-    best, best_value = rows.copy(), -np.inf
-    while True:
-        value = qd_of_rows(distances, qualities, rows, min_distance)
-        if value > best_value:
-            best_value, best = value, rows.copy()
-        i = m - 1
-        while i >= 0 and rows[i] == n - m + i:
-            i -= 1
-        if i < 0:
-            return best
-        rows[i] += 1
-        for k in range(i + 1, m):
-            rows[k] = rows[k - 1] + 1
+    return best_first(best_subset(distances, qualities, m, min_distance), qualities)
 
 
 def select_by_clusters(
@@ -207,15 +161,12 @@ def select_by_clusters(
     kept = _best_enough(points, qualities, size)
     if len(np.unique(points[kept], axis=0)) <= size:
         _, first = np.unique(points[kept], axis=0, return_index=True)
-        return _best_first(kept[first], qualities)
+        return best_first(kept[first], qualities)
     means = KMeans(size, n_init=RESTARTS, random_state=int(rng.integers(2**31)))
     labels = means.fit_predict(points[kept])
     clusters = [kept[labels == label] for label in range(size)]
-    clusters = _limit([_best_first(cluster, qualities) for cluster in clusters if len(cluster)])
-    members = np.concatenate(clusters)
-    begins = np.cumsum([0, *(len(cluster) for cluster in clusters)])
-    rows = _best_combination(distances, qualities, members, begins, min_distance)
-    return _best_first(rows, qualities)
+    clusters = [cluster for cluster in clusters if len(cluster)]
+    return best_combination(distances, qualities, clusters, min_distance)
 
 
 def _best_enough(points: FloatArray, qualities: FloatArray, size: int) -> IntArray:
@@ -225,38 +176,6 @@ def _best_enough(points: FloatArray, qualities: FloatArray, size: int) -> IntArr
         if len(np.unique(points[kept], axis=0)) >= size:
             return kept
     return np.arange(len(qualities))
-
-
-def _limit(clusters: list[IntArray]) -> list[IntArray]:
-    """Leave out the last of the largest cluster until there are few enough combinations."""
-    while math.prod(len(cluster) for cluster in clusters) > LARGEST_NUMBER_OF_SETS:
-        largest = max(range(len(clusters)), key=lambda k: len(clusters[k]))
-        clusters[largest] = clusters[largest][:-1]
-    return clusters
-
-
-@njit(cache=True, nogil=True)
-def _best_combination(
-    distances: FloatArray, qualities: FloatArray, members: IntArray, begins: IntArray, min_distance: float
-) -> IntArray:
-    m = len(begins) - 1
-    place = begins[:m].copy()
-    best, best_value = members[place], -np.inf
-    while True:
-        value = qd_of_rows(distances, qualities, members[place], min_distance)
-        if value > best_value:
-            best_value, best = value, members[place]
-        i = m - 1
-        while i >= 0 and place[i] == begins[i + 1] - 1:
-            place[i] = begins[i]
-            i -= 1
-        if i < 0:
-            return best
-        place[i] += 1
-
-
-def _best_first(rows: IntArray, qualities: FloatArray) -> IntArray:
-    return rows[np.argsort(-qualities[rows], kind="stable")]
 
 
 def _check(distances: FloatArray, qualities: FloatArray, size: int) -> int:

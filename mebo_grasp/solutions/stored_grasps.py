@@ -1,42 +1,24 @@
-"""What the queries need of all stored grasps, read from the database in as few pieces as can be.
-
-A million rows of ten columns are ten million Python objects, and making them takes longer than all else
-when an archive is opened. So each trial carries its numbers once more as one block of bytes.
-"""
+"""What the queries need of all stored grasps, as columns."""
 
 from __future__ import annotations
 
-import sqlite3
-import struct
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from mebo_grasp.solutions.column import Column
+from mebo_grasp.solutions.trial_chunks import Block
 
-FETCHED_ROWS = 20_000
-CAPSULE_BYTES = 14
 FIRST_CAPSULES = 32
 """Capsules a grasp for which there is room from the beginning; memory that is not written costs nothing."""
 
-NUMBERS = struct.Struct("<q8d")
-"""Stamp, quality, position and quaternion of a trial."""
-_ROW = np.dtype([("stamp", "<i8"), ("quality", "<f8"), ("position", "<f8", 3), ("quaternion", "<f8", 4)])
 
-
-def pack_numbers(*numbers: float | None) -> bytes | None:
-    """Return stamp, quality, position and quaternion as bytes; None for a trial without a quality above 0."""
-    quality = numbers[1]
-    return NUMBERS.pack(*numbers) if quality is not None and quality > 0.0 else None
-
-
-@dataclass(frozen=True)
+@dataclass
 class StoredGrasps:
-    """What the queries need of all stored grasps with a quality above zero, in the order of their stamps.
+    """What the queries need of all stored grasps with a quality above zero.
 
     Args:
-        trials: number of all trials stored when it was read, those without a quality above zero included.
         stamps_ns: shape (n,).
         qualities: shape (n,).
         positions: of the TCP in the object's frame, shape (n, 3), metres.
@@ -45,9 +27,9 @@ class StoredGrasps:
             shape (n + 1,).
         capsules: in the TCP's frame, as ``HandVolume.packed`` gives them, shape (c, 7).
         has_volumes: whether the hand's volume was asked for.
+        trials: number of all trials that were read, those without a quality above zero included.
     """
 
-    trials: int
     stamps_ns: Column
     qualities: Column
     positions: Column
@@ -55,65 +37,52 @@ class StoredGrasps:
     first_capsule: Column
     capsules: Column
     has_volumes: bool
+    trials: int = 0
 
     @classmethod
-    def load(cls, connection: sqlite3.Connection, object_key: int, with_volumes: bool) -> StoredGrasps:
-        """Read the grasps of an object.
+    def gather(cls, blocks: Iterable[Block], expected: int, with_volumes: bool) -> StoredGrasps:
+        """Read trials block by block.
 
         Args:
-            connection: to the database.
-            object_key: of the object.
-            with_volumes: read the volumes of the hand as well.
+            blocks: in the order of their stamps.
+            expected: about how many trials there are, so that the columns need not grow.
+            with_volumes: keep the volumes of the hand as well.
 
         Raises:
-            sqlite3.Error: the database is damaged.
-            ValueError: what is stored as numbers or as a volume has a wrong length.
+            ValueError: the volumes of a block do not have the length that its grasps say.
         """
-        key = (object_key,)
-        (trials,) = connection.execute("SELECT count(*) FROM trial WHERE object = ?", key).fetchone()
-        stored = cls._empty(int(trials), with_volumes)
-        cursor = connection.execute(
-            f"SELECT numbers, {'hand_volume' if with_volumes else 'NULL'} FROM trial "
-            "WHERE object = ? AND numbers IS NOT NULL ORDER BY stamp_ns",
-            key,
-        )
-        while rows := cursor.fetchmany(FETCHED_ROWS):
-            stored._append(rows)
+        stored = cls._empty(expected, with_volumes)
+        for block in blocks:
+            stored._append(block)
         return stored
 
     @classmethod
-    def _empty(cls, trials: int, with_volumes: bool) -> StoredGrasps:
-        first_capsule = Column.with_room(trials + 1, np.int64)
+    def _empty(cls, expected: int, with_volumes: bool) -> StoredGrasps:
+        first_capsule = Column.with_room(expected + 1, np.int64)
         first_capsule.extend(np.zeros(1, dtype=np.int64))
         return cls(
-            trials=trials,
-            stamps_ns=Column.with_room(trials, np.int64),
-            qualities=Column.with_room(trials, np.float64),
-            positions=Column.with_room(trials, np.float64, (3,)),
-            quaternions=Column.with_room(trials, np.float64, (4,)),
+            stamps_ns=Column.with_room(expected, np.int64),
+            qualities=Column.with_room(expected, np.float64),
+            positions=Column.with_room(expected, np.float64, (3,)),
+            quaternions=Column.with_room(expected, np.float64, (4,)),
             first_capsule=first_capsule,
-            capsules=Column.with_room(FIRST_CAPSULES * trials if with_volumes else 0, np.int16, (7,)),
+            capsules=Column.with_room(FIRST_CAPSULES * expected if with_volumes else 0, np.int16, (7,)),
             has_volumes=with_volumes,
         )
 
-    def _append(self, rows: list[tuple[Any, ...]]) -> None:
-        """Add rows of numbers and volume behind those that are there."""
-        numbers, volumes = zip(*rows, strict=True)
-        table = np.frombuffer(b"".join(numbers), dtype=_ROW)
-        if len(table) != len(rows):
-            raise ValueError(f"{len(rows)} trials have the numbers of {len(table)}")
-        self.stamps_ns.extend(table["stamp"])
-        self.qualities.extend(table["quality"])
-        self.positions.extend(table["position"])
-        self.quaternions.extend(table["quaternion"])
-        first = self.first_capsule.array[-1]
-        if not self.has_volumes:
-            self.first_capsule.extend(np.full(len(rows), first))
-            return
-        blobs = [blob or b"" for blob in volumes]
-        lengths = np.fromiter(map(len, blobs), dtype=np.int64, count=len(blobs))
-        self.first_capsule.extend(first + np.cumsum(lengths) // CAPSULE_BYTES)
-        self.capsules.extend(np.frombuffer(b"".join(blobs), dtype="<i2").reshape(-1, 7))
+    def _append(self, block: Block) -> None:
+        grasps = block.grasps
+        self.trials += block.trials
+        self.stamps_ns.extend(grasps["stamp"])
+        self.qualities.extend(grasps["quality"])
+        self.positions.extend(grasps["position"])
+        self.quaternions.extend(grasps["quaternion"])
+        counts = grasps["capsules"] if self.has_volumes else np.zeros(len(grasps), dtype=np.int64)
+        self.first_capsule.extend(self.first_capsule.array[-1] + np.cumsum(counts))
+        if self.has_volumes:
+            self.capsules.extend(np.frombuffer(block.volumes, dtype="<i2").reshape(-1, 7))
+            if len(self.capsules) != self.first_capsule.array[-1]:
+                raise ValueError(f"the trials up to {block.last_stamp} ns lack capsules of the hand")
 
     def without_volume(self) -> list[int]:
         """Return the stamps of the grasps whose hand volume is not stored."""

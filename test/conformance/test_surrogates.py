@@ -7,6 +7,7 @@ import pytest
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.optimization.methods.base import KERNEL_NAMES, LEARNING_NAMES, WARP_NAMES, MethodSettings
+from mebo_grasp.optimization.methods.registry import METHOD_NAMES, WITHOUT_CHOICE, make_method
 from mebo_grasp.optimization.methods.surrogate_choice import make_surrogate
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.optimizer import OptimizerSettings
@@ -28,11 +29,9 @@ SAMPLED: dict[str, Any] = {
     "learning": "mcmc",
 }
 PAIRS = [("mebo", choice) for choice in SURROGATES] + [
-    ("bo", {"kernel": "evidence"}),
     ("bo_thompson", SAMPLED),
     ("cl_mebo", SAMPLED),
     ("local_penalization", {"kernel": "evidence"}),
-    ("robot", {"kernel": "evidence"}),
     ("robot", SAMPLED),
     ("constraint_active_search", SAMPLED),
 ]
@@ -100,3 +99,18 @@ def test_each_choice_is_a_surrogate_of_its_own():
 def test_unknown_and_contradicting_choices_are_refused_with_what_is_known(choice, named):
     with pytest.raises(InvalidSettingsError, match=named):
         MethodSettings(**choice)
+
+
+@pytest.mark.parametrize("name", ["basin_search", "random", "sobol"])
+def test_a_choice_that_a_method_would_ignore_is_refused(name):
+    with pytest.raises(InvalidSettingsError, match=f"{name}.*leave kernel at 'matern52'"):
+        make_method(name, space_of(2), MethodSettings(kernel="additive_matern52"))
+
+
+def test_every_other_method_takes_a_choice():
+    settings = MethodSettings(kernel="additive_matern52")
+    takers = [name for name in METHOD_NAMES if name not in WITHOUT_CHOICE]
+    assert len(takers) == len(METHOD_NAMES) - 3
+    for name in takers:
+        method: Any = make_method(name, space_of(2), settings)
+        assert method.surrogate._kernel.name == "additive_matern52"

@@ -79,7 +79,7 @@ def test_ctrl_c_keeps_what_was_found_and_the_same_command_resumes(tmp_path: Path
     assert int(stored.group(1)) >= 150
     other = run(*arguments[1:], "--seed", "9", "--method", "random")
     assert other.returncode == 1
-    assert "another method" in other.stderr
+    assert "another method (basin_search in the log, random now), seed (1 in the log, 9 now):" in other.stderr
 
 
 @pytest.mark.parametrize(
@@ -88,6 +88,7 @@ def test_ctrl_c_keeps_what_was_found_and_the_same_command_resumes(tmp_path: Path
         (["explore", "--object", "unicorn"], "unicorn"),
         (["explore", "--object", "bottle", "--method", "guessing"], "guessing"),
         (["explore", "--budget", "0"], "budget"),
+        (["explore", "--kernel", "evidence", "--learning", "mcmc"], "leave these at their defaults"),
         (["explore", "--hand", "claw"], "claw"),
         (["show", "no/such/folder"], "no/such/folder"),
         (["dance"], "dance"),

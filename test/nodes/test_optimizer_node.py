@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import resource
 from pathlib import Path
 
 import pytest
@@ -177,6 +178,34 @@ def test_reset_sets_the_log_aside(launch, probe: Probe, status, tmp_path: Path) 
     assert aside.read_text() == before
 
 
+def test_explores_while_simulated_time_stands_still(launch, probe: Probe, status) -> None:
+    PlayedHand(probe)
+    node = launch("optimizer_node", budget=4, initial_points=4, object=OBJECT, use_sim_time=True, budgett=9)
+    assert status.wait_for(finished).evaluations == 4
+    assert "unknown parameters are ignored: budgett" in node.log
+
+
+def test_a_full_disk_pauses_the_run_and_resume_goes_on_where_the_log_ends(
+    launch, probe: Probe, status, tmp_path: Path
+) -> None:
+    PlayedHand(probe)
+    log = tmp_path / "run.jsonl"
+    node = launch(
+        "optimizer_node", budget=9, initial_points=9, object=OBJECT, run_log=str(log), autostart=False
+    )
+    status.wait_for(lambda s: s.state == ExplorationStatus.IDLE)
+    resource.prlimit(node.process.pid, resource.RLIMIT_FSIZE, (log.stat().st_size, resource.RLIM_INFINITY))
+    probe.call(Trigger, "/optimizer_node/start", Trigger.Request())
+    halted = status.wait_for(lambda s: s.state == ExplorationStatus.PAUSED)
+    assert "cannot write to the run log" in halted.message
+    resource.prlimit(node.process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    assert probe.call(Trigger, "/optimizer_node/resume", Trigger.Request()).success
+    final = status.wait_for(finished)
+    assert (final.evaluations, final.message) == (9, "")
+    node.stop()
+    assert log.read_text().count('"tell"') == 9
+
+
 @pytest.mark.parametrize(
     ("parameters", "expected"),
     [
@@ -185,6 +214,8 @@ def test_reset_sets_the_log_aside(launch, probe: Probe, status, tmp_path: Path) 
         ({"object": "unicorn"}, "unicorn"),
         ({"budget": 3, "initial_points": 9}, "initial_points"),
         ({"budget": 0}, "budget"),
+        ({"hands": ["left hand"]}, "left hand/candidate_pose"),
+        ({"run_log": "/dev/null/run.jsonl"}, "/dev/null"),
         ({"ucb_beta": -1.0}, "ucb_beta"),
         ({"kernel": "cubic"}, "additive_matern52"),
         ({"lower_bounds": [0.0, 0.0, 0.0]}, "upper_bounds"),
@@ -195,3 +226,4 @@ def test_bad_parameters_end_the_node_with_one_clear_line(launch, parameters, exp
     node = launch("optimizer_node", **parameters)
     assert node.process.wait(30.0) == 2
     assert expected in node.log
+    assert len([line for line in node.log.splitlines() if "pybullet build" not in line]) == 1

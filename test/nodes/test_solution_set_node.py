@@ -14,6 +14,7 @@ from mebo_grasp_interfaces.msg import Occlusion as OcclusionMsg
 from mebo_grasp_interfaces.msg import SolutionSet as SolutionSetMsg
 from mebo_grasp_interfaces.srv import GetBestGrasp, GetSolutionSet, ResetArchive
 from shape_msgs.msg import SolidPrimitive
+from std_msgs.msg import Header
 
 from mebo_grasp.grasp import Pose
 from mebo_grasp.nodes import qos
@@ -270,6 +271,7 @@ def test_unusable_qualities_are_not_stored_and_repeated_ones_once(desk: Desk) ->
     desk.add(0.9, outcome=99)
     desk.add(math.inf)
     desk.add(0.8, object_id="another")
+    desk.add(0.7, header=Header(frame_id=OBJECT))  # a stamp of 0, as a hand that forgets the header sends it
     good = desk.add(0.2)
     desk._qualities.publish(good)
     failed = desk.add(math.nan, outcome=GraspQuality.FAILED)

@@ -14,7 +14,9 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("mebo_grasp", "msg_adapters")
 
-GROUND = ("mebo_grasp.grasp", "mebo_grasp.errors", "mebo_grasp.compiled_code")
+GROUND = (
+    "mebo_grasp.grasp", "mebo_grasp.errors", "mebo_grasp.compiled_code", "mebo_grasp.quality_diversity",
+)  # fmt: skip
 OPTIMIZATION = "mebo_grasp.optimization"
 LEAVES = tuple(f"{OPTIMIZATION}.{name}" for name in ("search_space", "initial_design", "observations"))
 INPUT_NOISE = f"{OPTIMIZATION}.input_noise"
@@ -68,6 +70,7 @@ ROOMS = (
     Room("mebo_grasp.compiled_code", ()),
     Room("mebo_grasp.errors", ()),
     Room("mebo_grasp.grasp", ("mebo_grasp.errors",)),
+    Room("mebo_grasp.quality_diversity", ("mebo_grasp.grasp",)),
     Room(OPTIMIZATION, GROUND, closed=True),
     *_layers(),
     Room("mebo_grasp.grasping", GROUND, (BULLET,)),

@@ -17,7 +17,8 @@ import numpy.typing as npt
 from scipy.spatial import ConvexHull, QhullError
 
 from mebo_grasp.errors import InvalidObjectError
-from mebo_grasp.grasping.polytope import hull_volume, origin_distance
+from mebo_grasp.grasping.hull_volume import hull_volume
+from mebo_grasp.grasping.origin_distance import origin_distance
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.grasping.wrench_space import contact_wrenches
 

@@ -45,6 +45,8 @@ class MethodSettings:
         burn_in: discarded Metropolis–Hastings proposals per dimension and query (thesis 7.2: 250).
         chains: Metropolis–Hastings chains side by side for one query.
         proportional_selection: draw in proportion to the acquisition itself, as the thesis's code does.
+        cluster_share: share of M clusters with which CL-MEBO is content when no decile gives M (thesis 5.3.1: 0.75;
+            its code: 0.5).
         relearn_period: iterations from one learning of the hyperparameters to the next (thesis 7.2: 5).
         num_solutions: solutions wanted M, if known.
         min_distance: distance tau at which two solutions count as different: Euclidean, real units times the
@@ -78,6 +80,7 @@ class MethodSettings:
     burn_in: int = 250
     chains: int = 16
     proportional_selection: bool = False
+    cluster_share: float = 0.75
     relearn_period: int = 5
     num_solutions: int | None = None
     min_distance: float | None = None
@@ -104,6 +107,8 @@ class MethodSettings:
         for name in ("ucb_beta", "boltzmann_beta"):
             if not 0.0 <= getattr(self, name) < float("inf"):
                 raise InvalidSettingsError(f"{name} must be finite and at least 0, got {getattr(self, name)}")
+        if not 0.0 < self.cluster_share <= 1.0:
+            raise InvalidSettingsError(f"cluster_share must lie above 0 and up to 1, got {self.cluster_share}")
         if self.num_solutions is not None and self.num_solutions < 1:
             raise InvalidSettingsError(f"num_solutions must be at least 1 or unset, got {self.num_solutions}")
         self._check_solutions()

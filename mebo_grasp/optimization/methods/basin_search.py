@@ -9,8 +9,9 @@ stage goes instead to where an unconfirmed basin of the top level is least impro
 that is too sure of itself would never look there; and a quarter polishes incumbents without a model, because a
 smooth surrogate never finds the summit of a kink.
 
-Where the function has a plateau, one trial in three improves on the best value near it. Where the number of
-solutions is given, one in three goes to the set of that many diverse points.
+Where the function has a plateau, as a grasp's quality has, most of the space is of no use, and the search is
+by local searches around the best diverse points instead. Where it has none and the number of solutions is given, one
+trial in three goes to the set of that many diverse points.
 """
 
 from __future__ import annotations
@@ -22,29 +23,25 @@ from scipy.special import logsumexp
 
 from mebo_grasp.errors import RunLogError
 from mebo_grasp.grasp import FloatArray
-from mebo_grasp.optimization.acquisition.improvement import LogExpectedImprovement
-from mebo_grasp.optimization.initial_design import sobol
 from mebo_grasp.optimization.methods.base import IndexArray, MethodSettings, state_int
 from mebo_grasp.optimization.methods.common import MethodBase, check_count, without_repeats
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.search_space import SearchSpace
 from mebo_grasp.optimization.selection import basins
 from mebo_grasp.optimization.selection.basin_views import View, find_candidates, level_of, look, refine
+from mebo_grasp.optimization.selection.local_searches import EXPLORATION, LocalSearches, rank_of
 from mebo_grasp.optimization.selection.polishing import polish
 from mebo_grasp.optimization.selection.solution_set import DEFAULT_SHARE, slot_values
-from mebo_grasp.optimization.selection.trust_region import TrustRegion
-from mebo_grasp.optimization.surrogate.belief import Beliefs, PlateauSurrogate
+from mebo_grasp.optimization.surrogate.belief import Belief, Beliefs, PlateauSurrogate
 
 SAME_PLACE = 1e-3
 """A pick this near to an observation, in every coordinate of the cube, does not open a new basin."""
 LATE_TURNS = ("refinement", "exploration", "refinement", "polishing")
 """What trials are for, in turn, when the best candidate's basin is confirmed."""
-LOCAL_NET_SIZE = 512
-BOX_LENGTH, HALVING_TRIALS, HALVINGS = 0.4, 2, 5
-"""Side of the box around the best value; it halves when 2 max(4, d) trials have not improved on it, 4 times at most."""
-PERIOD, GREEDY_TURN, SET_TURN = 3, 0, 2
-"""One trial in this many goes to the best value of all if there is a plateau, and one to the set of diverse points
-if their number is given."""
+SET_PERIOD, SET_TURN = 3, 2
+"""Without a plateau one trial in this many goes to the set of diverse points if their number is given."""
+DEFAULT_NUM_SOLUTIONS = 4
+"""Local searches where the function has a plateau and no number of solutions is given."""
 
 
 class BasinSearch(MethodBase):
@@ -73,8 +70,27 @@ class BasinSearch(MethodBase):
         assumed = np.concatenate([observations.failed, observations.pending])
         if len(assumed):
             beliefs = beliefs.condition_on(assumed)
-        points = self._select(beliefs, count, rng)
+        if beliefs.best.chance is not None:
+            points = self._search_locally(beliefs.best, observations, count, rng)
+        else:
+            points = self._select(beliefs, count, rng)
         return without_repeats(points, observations, rng)
+
+    def _search_locally(
+        self, belief: Belief, observations: Observations, count: int, rng: np.random.Generator
+    ) -> FloatArray:
+        size, (sides, distance) = self.settings.num_solutions or DEFAULT_NUM_SOLUTIONS, self._metric
+        searches = LocalSearches(observations.U, observations.y, belief.floor, sides, size, distance)
+        picks: list[FloatArray] = []
+        for _ in range(count):
+            rank = rank_of(self._proposed, size)
+            self._proposed += 1
+            point = searches.pick(belief, rank, rng)
+            if not picks:
+                self._phase = {0: "improvement", EXPLORATION: "exploration"}.get(rank, "solution set")
+            picks.append(point)
+            belief = belief.condition_on(point[None])
+        return np.stack(picks)
 
     def _select(self, beliefs: Beliefs, count: int, rng: np.random.Generator) -> FloatArray:
         levels = [level_of(belief) for belief in beliefs.members]
@@ -89,12 +105,10 @@ class BasinSearch(MethodBase):
         ]
         picks: list[FloatArray] = []
         for _ in range(count):
-            turn = self._proposed % PERIOD
+            turn = self._proposed % SET_PERIOD
             self._proposed += 1
-            if turn == GREEDY_TURN and beliefs.best.chance is not None:
-                point, phase = pick_nearby(beliefs, views, rng), "improvement"
-            elif turn == SET_TURN and self.settings.num_solutions is not None:
-                point, phase = self._pick_for_set(beliefs, views), "solution set"
+            if turn == SET_TURN and self.settings.num_solutions is not None:
+                point, phase = self._pick_for_set(beliefs, views, self.settings.num_solutions), "solution set"
             else:
                 point, phase = pick(beliefs, views, LATE_TURNS[self._refinements % len(LATE_TURNS)], rng)
                 self._refinements += phase != "search"
@@ -104,14 +118,18 @@ class BasinSearch(MethodBase):
             views = [view.after(belief) for view, belief in zip(views, beliefs.members, strict=True)]
         return np.stack(picks)
 
-    def _pick_for_set(self, beliefs: Beliefs, views: list[View]) -> FloatArray:
-        """The candidate that promises most for the set of ``num_solutions`` diverse points, refined, shape (d,)."""
-        size, distance = self.settings.num_solutions or 1, self.settings.min_distance
-        scale = self.space.weighted_sides if distance is not None else np.ones(self.space.dim)
-        if distance is None:
-            distance = DEFAULT_SHARE * np.sqrt(self.space.dim)
+    @property
+    def _metric(self) -> tuple[FloatArray, float]:
+        """Lengths of the cube's sides, shape (d,), and the smallest distance of two solutions in these."""
+        if self.settings.min_distance is not None:
+            return self.space.weighted_sides, self.settings.min_distance
+        return np.ones(self.space.dim), DEFAULT_SHARE * float(np.sqrt(self.space.dim))
+
+    def _pick_for_set(self, beliefs: Beliefs, views: list[View], size: int) -> FloatArray:
+        """The candidate that promises most for the set of ``size`` diverse points, refined, shape (d,)."""
+        sides, distance = self._metric
         slots = [
-            slot_values(view.belief.U * scale, view.belief.y, view.candidates * scale, size, distance)
+            slot_values(view.belief.U * sides, view.belief.y, view.candidates * sides, size, distance)
             for view in views
         ]
         return most_promising(beliefs, views, slots)
@@ -151,27 +169,6 @@ class BasinSearch(MethodBase):
         if not isinstance(surrogate, dict):
             raise RunLogError(f"the method's state needs the surrogate's, got {surrogate!r}")
         self.surrogate.restore(surrogate)
-
-
-
-def pick_nearby(beliefs: Beliefs, views: list[View], rng: np.random.Generator) -> FloatArray:
-    """The point with the highest expected improvement on the best value, in a box around it, shape (d,).
-
-    The box halves with every few trials that do not improve on the best, and starts anew when it has become
-    small (the trust region of TuRBO, Eriksson et al. 2019, without its growth): in many dimensions most of the
-    space stays uncertain for ever, and the improvement that it might hold would draw all trials to its corners.
-    """
-    member = int(rng.choice(len(views), p=beliefs.shares))
-    belief, best = views[member].belief, views[member].level.best
-    first = int(np.argmax(belief.y))
-    halvings = (len(belief.y) - 1 - first) // (HALVING_TRIALS * max(4, belief.dim))
-    region = TrustRegion(BOX_LENGTH * 0.5 ** (halvings % HALVINGS))
-    lengthscales = np.exp(np.minimum(belief.value.hyperparameters.theta[: belief.dim], np.log(4.0)))
-    lower, upper = region.box(belief.U[first], lengthscales)
-    points = lower + (upper - lower) * sobol(LOCAL_NET_SIZE, belief.dim, rng)
-    mean, sd = belief.predict(points)
-    value = LogExpectedImprovement(best).value(mean, sd) + belief.log_chances(points)
-    return refine(belief, points[int(np.argmax(value))], best, None, (lower, upper))
 
 
 def most_promising(beliefs: Beliefs, views: list[View], incumbents: list[FloatArray]) -> FloatArray:

@@ -22,9 +22,6 @@ from mebo_grasp.optimization.surrogate.posterior import Posterior
 DEFAULT_NUM_SOLUTIONS = 4
 """Number of solutions M when none is given (thesis 7.4 for bottle and vase)."""
 
-MIN_CLUSTER_SHARE = 0.75
-"""Share of M that suffices when no decile gives M clusters (thesis 5.3.1)."""
-
 BOX_MARGIN = 0.04
 """Half side of the box round a centroid that a cluster's search box contains at least (thesis's code)."""
 
@@ -73,7 +70,7 @@ class ClMebo(EMebo):
         wanted = self.settings.num_solutions or DEFAULT_NUM_SOLUTIONS
         scale, distance = self._diversity()
         clusters = find_clusters(observations.U, observations.y, wanted, scale, distance, rng)
-        if len(clusters) < ceil(MIN_CLUSTER_SHARE * wanted):
+        if len(clusters) < ceil(self.settings.cluster_share * wanted):
             return self.explorative(posterior, observations, count, rng)
         self._phase = "clusters"
         times = choose_clusters(clusters, observations.y, count)

@@ -42,8 +42,37 @@ METHOD_NAMES: tuple[str, ...] = tuple(_METHODS)
 WITHOUT_SURROGATE = (RandomSearch.name, SobolSearch.name)
 """Methods that believe nothing of points that were not tried, so no run of theirs is safe."""
 
+WITHOUT_CHOICE = {
+    BasinSearch.name: "chooses its surrogate by evidence",
+    **dict.fromkeys(WITHOUT_SURROGATE, "has no surrogate"),
+}
+"""Methods whose surrogate the settings do not name, and why."""
 
-__all__ = ["DEFAULT_METHOD", "METHOD_NAMES", "WITHOUT_SURROGATE", "make_method"]
+__all__ = ["DEFAULT_METHOD", "METHOD_NAMES", "WITHOUT_SURROGATE", "check_method", "make_method"]
+
+
+def check_method(name: str, settings: MethodSettings) -> None:
+    """Refuse an unknown method, and settings that it would ignore or cannot follow.
+
+    Raises:
+        InvalidSettingsError: any of these is the case.
+    """
+    if name not in _METHODS:
+        raise InvalidSettingsError(f"unknown method {name!r}; choose one of: {', '.join(METHOD_NAMES)}")
+    if settings.safe and name in WITHOUT_SURROGATE:
+        raise InvalidSettingsError(
+            f"{name} has no surrogate, so it cannot tell what to expect under input noise: "
+            "leave 'safe' off or take another method"
+        )
+    if name not in WITHOUT_CHOICE:
+        return
+    usual = MethodSettings()
+    for choice in ("kernel", "warp", "learning", "surrogate"):
+        if getattr(settings, choice) != getattr(usual, choice):
+            raise InvalidSettingsError(
+                f"{choice} is {getattr(settings, choice)!r}, but {name} {WITHOUT_CHOICE[name]}: "
+                f"leave {choice} at {getattr(usual, choice)!r} or take another method"
+            )
 
 
 def make_method(name: str, space: SearchSpace, settings: MethodSettings | None = None) -> Method:
@@ -52,12 +81,6 @@ def make_method(name: str, space: SearchSpace, settings: MethodSettings | None =
     Raises:
         InvalidSettingsError: no method has this name, or it cannot do what the settings ask for.
     """
-    if name not in _METHODS:
-        raise InvalidSettingsError(f"unknown method {name!r}; choose one of: {', '.join(METHOD_NAMES)}")
     settings = settings or MethodSettings()
-    if settings.safe and name in WITHOUT_SURROGATE:
-        raise InvalidSettingsError(
-            f"method {name} has no surrogate, so it cannot tell what to expect under input noise: "
-            "leave 'safe' off or choose another method"
-        )
+    check_method(name, settings)
     return _METHODS[name](space, settings)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.distance import cdist
 
 from mebo_grasp.grasp import FloatArray
 
@@ -54,6 +55,6 @@ def slot_values(
     """
     kept = greedy_diverse_set(X, y, size, min_distance)
     least = float(y[kept[-1]]) if len(kept) >= size else float(np.min(y))
-    near = np.linalg.norm(candidates[:, None] - X[None, :], axis=2) < min_distance
+    near = cdist(candidates, X) < min_distance
     displaced = np.max(np.where(near, y, least), axis=1)
     return np.maximum(displaced, least)

@@ -21,7 +21,7 @@ from mebo_grasp.errors import RunLogError
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.surrogate.empirical_bayes import EmpiricalBayesSurrogate
-from mebo_grasp.optimization.surrogate.family import Structure, has_plateau
+from mebo_grasp.optimization.surrogate.family import PLATEAU_SHARE, PLATEAU_SIZE, Structure
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
 from mebo_grasp.optimization.surrogate.kernels import MATERN52
 from mebo_grasp.optimization.surrogate.structure import StructuredSurrogate
@@ -233,7 +233,17 @@ class PlateauSurrogate:
 
 def _off_plateau(y: FloatArray) -> BoolArray | None:
     """Which values are off the plateau, shape (n,); None if there is no plateau or hardly a value off it."""
-    if len(y) == 0 or not has_plateau(y):
+    if len(y) == 0:
         return None
     off: BoolArray = y > np.min(y)
-    return off if np.count_nonzero(off) >= FEWEST_VALUES else None
+    return off if _showed_plateau(~off) and np.count_nonzero(off) >= FEWEST_VALUES else None
+
+
+def _showed_plateau(lowest: BoolArray) -> bool:
+    """Whether the values ever looked like a plateau, given which of them equal the lowest, shape (n,).
+
+    The search leaves a plateau, so that its share of the trials falls below any bound although it is still there.
+    """
+    counts = np.cumsum(lowest)
+    trials = np.arange(1, len(lowest) + 1)
+    return bool(np.any((counts >= PLATEAU_SIZE) & (counts >= PLATEAU_SHARE * trials)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import sys
 from pathlib import Path
@@ -250,3 +251,32 @@ def test_the_run_folder_tells_what_was_explored(run_folder: Path, tmp_path: Path
     alone = tmp_path / "alone.db"
     shutil.copy(run_folder / "trials.db", alone)
     assert main(["best", str(alone)]) == 0  # the only object of the file
+
+
+def test_output_that_nobody_reads_ends_the_command_quietly(run_folder: Path, monkeypatch, capfd) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as nobody:
+        monkeypatch.setattr(sys, "stdout", nobody)
+        assert main(["best", str(run_folder), "--rule", "tcp"]) == 141
+    assert "BrokenPipe" not in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "expected"),
+    [
+        (["show", "RUN", "--picture", "RUN/trials.db/a.png"], 1, "trials.db"),
+        (["show", "RUN", "--picture", "a.txt"], 2, "--picture a.txt must end in .png"),
+        (["show", "RUN", "--scale", "0"], 2, "scale 0.0"),
+        (["best", "RUN", "--object", "mug"], 1, "holds no trials of 'mug', but of bottle"),
+        (["import", "RUN/all.jsonl", "RUN/trials.db/deeper"], 1, "trials.db"),
+        (["trial", "--repeat", "-1"], 2, "--repeat is -1"),
+    ],
+)
+def test_what_cannot_be_done_is_said_in_one_line(
+    run_folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], code: int, expected: str
+) -> None:
+    assert main(["export", str(run_folder), str(run_folder / "all.jsonl")]) == 0
+    assert main([argument.replace("RUN", str(run_folder)) for argument in arguments]) == code
+    (line,) = capsys.readouterr().err.splitlines()
+    assert expected in line

@@ -6,14 +6,14 @@ import pytest
 
 from mebo_grasp.experiments.peers import PEER_NAMES
 from mebo_grasp.experiments.progress import Progress
-from mebo_grasp.experiments.protocol import Job, known_methods
+from mebo_grasp.experiments.protocol import VARIANTS, Job, known_methods
 from mebo_grasp.experiments.run_costs import SECONDS, CostEstimate, expected_seconds, slow_peers
 
 VINCENT, TRAP = Job("mebo", "vincent_2d", 0), Job("mebo", "five_uneven_peak_trap", 0)
 
 
 def test_every_method_of_all_and_every_peer_has_an_expected_cost() -> None:
-    of_surrogates = {name for name in known_methods() if name.startswith("mebo_")} - set(SECONDS)
+    of_surrogates = {name for name, variant in VARIANTS.items() if variant.of_surrogate}
     assert set(known_methods()) - of_surrogates == set(SECONDS)
 
 

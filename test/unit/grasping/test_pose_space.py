@@ -12,6 +12,7 @@ from mebo_grasp.grasp import Pose
 from mebo_grasp.grasping.hand_model import HAND_NAMES, HandModel
 from mebo_grasp.grasping.pose_space import (
     PoseSpace,
+    distance_weights,
     finger_length,
     finger_reach,
     pose_space_6d,
@@ -206,3 +207,7 @@ def test_a_candidate_outside_or_not_finite_is_not_contained() -> None:
     assert SPACE_3D.contains(middle)
     for bad in (SPACE_3D.upper + 0.01, SPACE_3D.lower - 0.01, middle * np.nan):
         assert not SPACE_3D.contains(bad)
+
+
+def test_radians_are_weighed_and_postures_do_not_count() -> None:
+    assert distance_weights(("m", "rad", "sd"), 0.05).tolist() == [1.0, 0.05, 0.0]

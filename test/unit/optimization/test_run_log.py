@@ -51,8 +51,30 @@ def test_killed_at_every_line_it_resumes_to_the_same_trace(tmp_path):
         assert path.read_bytes() == content, f"killed after line {kept}"
 
 
+def test_a_log_that_is_being_written_is_not_continued_by_another(tmp_path):
+    path = tmp_path / "run.jsonl"
+    run = LoggedOptimizer.create(path, SPACE, "mebo", OptimizerSettings(budget=8, n_initial=8), 3)
+    content = path.read_bytes()
+    with pytest.raises(RunLogError, match="in use by another process"):
+        LoggedOptimizer.resume(path)
+    assert path.read_bytes() == content
+    run.close()
+    LoggedOptimizer.resume(path).close()
+
+
 def test_two_runs_of_one_seed_write_the_same_bytes(tmp_path):
     assert full_run(tmp_path / "a.jsonl") == full_run(tmp_path / "b.jsonl")
+
+
+def test_distance_weights_are_kept_and_logs_without_them_still_resume(tmp_path):
+    space = SearchSpace(("x", "roll"), np.zeros(2), np.ones(2), ("m", "rad"), np.array([1.0, 0.05]))
+    path = tmp_path / "run.jsonl"
+    LoggedOptimizer.create(path, space, "random", OptimizerSettings(budget=4, n_initial=2), 0).close()
+    assert resume(path).space.distance_weights.tolist() == [1.0, 0.05]
+    header = json.loads(path.read_text())
+    del header["space"]["distance_weights"]
+    path.write_text(json.dumps(header) + "\n")
+    assert resume(path).space.distance_weights.tolist() == [1.0, 1.0]
 
 
 def test_foreign_observations_are_part_of_the_trace(tmp_path):

@@ -45,3 +45,16 @@ def test_bounds_cannot_be_changed_from_outside():
 def test_bad_boxes_are_refused(names, lower, upper, units, message):
     with pytest.raises(InvalidSettingsError, match=message):
         SearchSpace(names, lower, upper, units)
+
+
+def test_distances_count_by_their_weights():
+    lower, upper, weights = np.array([0.0, -1.0]), np.array([0.2, 1.0]), np.array([1.0, 0.05])
+    space = SearchSpace(("x", "roll"), lower, upper, distance_weights=weights)
+    np.testing.assert_allclose(space.weighted_sides, [0.2, 0.1])
+    np.testing.assert_array_equal(SPACE.weighted_sides, SPACE.upper - SPACE.lower)
+
+
+@pytest.mark.parametrize("weights", [[1.0], [1.0, -0.1], [1.0, np.nan], [0.0, 0.0]])
+def test_bad_weights_are_refused(weights):
+    with pytest.raises(InvalidSettingsError, match="weight"):
+        SearchSpace(("x", "y"), np.zeros(2), np.ones(2), distance_weights=np.array(weights))

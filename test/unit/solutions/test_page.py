@@ -1,5 +1,7 @@
 """The page is complete in itself, and a browser without a network shows it."""
 
+import json
+import math
 import shutil
 import subprocess
 from pathlib import Path
@@ -17,7 +19,11 @@ from mebo_grasp.solutions.occlusion import Box, Cone, Cylinder, Occlusion, Spher
 from mebo_grasp.solutions.page import Mesh, hand_mesh, shape_mesh, write_page
 from mebo_grasp.solutions.solution_set import SolutionSet
 
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+BROWSER = next(filter(None, map(shutil.which, BROWSERS)), None)
+needs_browser = pytest.mark.skipif(
+    BROWSER is None, reason=f"none of {', '.join(BROWSERS)} is on the path; apt-get install chromium"
+)
 
 HAND = HandVolume(
     np.array([[-0.03, -0.03, -0.04], [-0.03, 0.03, -0.04], [0.03, -0.03, -0.03], [0.03, 0.03, -0.03]]),
@@ -98,25 +104,64 @@ def test_a_page_needs_a_hand_for_each_grasp(tmp_path: Path) -> None:
         write_page(tmp_path / "p.html", solutions(), Mesh(np.eye(3), np.array([[0, 1, 2]])), [])
 
 
-@pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
-def test_a_browser_shows_the_grasps(tmp_path: Path) -> None:
-    path, picture = tmp_path / "grasps.html", tmp_path / "grasps.png"
-    write(path, solutions())
+def browse(page: Path, *options: str) -> str:
+    """Show a page in a browser without a screen; return what it writes to its standard output."""
     command = [
         str(BROWSER), "--headless", "--no-sandbox", "--disable-gpu", "--use-gl=angle",
         "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--window-size=1200,700",
-        f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=5000",
+        f"--user-data-dir={page.parent / 'profile'}", "--virtual-time-budget=5000", *options, page.as_uri(),
     ]  # fmt: skip
-    page = subprocess.run(
-        [*command, "--dump-dom", path.as_uri()], capture_output=True, text=True, timeout=120, check=True
-    ).stdout
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    return done.stdout
+
+
+def colored(page: Path) -> dict[str, int]:
+    """Count the pixels of the scene in the colours of the first two hands, in any light, and of an occlusion."""
+    picture = page.with_suffix(".png")
+    browse(page, f"--screenshot={picture}")
+    r, g, b = np.moveaxis(np.asarray(Image.open(picture).convert("RGB"), dtype=float)[:, :640], 2, 0)
+    return {
+        "blue": int(((b > 1.3 * g) & (g > 2 * r)).sum()),
+        "green": int(((g > 2 * r) & (g > 2 * b)).sum()),
+        "red": int(((r > 1.15 * g) & (r > 1.15 * b) & (r > 150)).sum()),
+    }
+
+
+@needs_browser
+def test_a_browser_shows_the_grasps(tmp_path: Path) -> None:
+    path = tmp_path / "grasps.html"
+    write(path, solutions())
+    page = browse(path, "--dump-dom")
     assert 'data-ready="1"' in page
     assert 'data-shown="3"' in page
-    assert "0.5000" in page
-    subprocess.run(
-        [*command, f"--screenshot={picture}", path.as_uri()], capture_output=True, timeout=120, check=True
-    )
-    pixels = np.asarray(Image.open(picture).convert("RGB"), dtype=int)[:, :700]
-    # The blue of the first hand, in any light.
-    blue = (pixels[..., 2] > 1.3 * pixels[..., 1]) & (pixels[..., 1] > 2 * pixels[..., 0])
-    assert blue.sum() > 500
+    for number in ("0.5000", "0.4000", "50.0, 0.0, -60.0"):
+        assert f"<td>{number}</td>" in page
+    seen = colored(path)
+    assert min(seen.values()) > 100, seen
+
+
+@needs_browser
+def test_the_slider_and_the_list_choose_what_is_shown(tmp_path: Path) -> None:
+    path = tmp_path / "grasps.html"
+    write(path, solutions())
+    moves = """<script>
+    const slider = element("quality");
+    slider.value = 1000;
+    slider.dispatchEvent(new Event("input"));
+    element("occlusions").click();
+    </script></body>"""
+    path.write_text(path.read_text(encoding="utf-8").replace("</body>", moves), encoding="utf-8")
+    page = browse(path, "--dump-dom")
+    assert 'data-shown="1"' in page
+    assert page.count('class="off') == 2
+    seen = colored(path)
+    assert seen["blue"] > 500
+    assert max(seen["green"], seen["red"]) < 40, seen
+
+
+def test_a_number_that_is_not_known_does_not_break_the_page(tmp_path: Path) -> None:
+    path = tmp_path / "grasps.html"
+    grasp = Grasp(Pose.identity(), GraspOutcome.GRASPED, 0.5, epsilon=math.nan)
+    write(path, SolutionSet.of("bottle", (StampedGrasp(1, grasp),), 0.04, PoseMetric()))
+    data = path.read_text(encoding="utf-8").split('type="application/json">')[1].split("</script>")[0]
+    json.loads(data, parse_constant=pytest.fail)  # a browser knows no NaN

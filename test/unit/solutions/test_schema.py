@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mebo_grasp.errors import InvalidQueryError
+from mebo_grasp.errors import ArchiveError, InvalidQueryError
 from mebo_grasp.grasp import Grasp, GraspOutcome, Pose, StampedGrasp
 from mebo_grasp.solutions.archive import SolutionArchive
 from mebo_grasp.solutions.best_grasp import BestGraspQuery
@@ -14,6 +14,7 @@ from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.hand_volume import HandVolume
 from mebo_grasp.solutions.occlusion import Occlusion, Sphere
 from mebo_grasp.solutions.schema import MIGRATIONS, prepare_schema, schema_version
+from mebo_grasp.solutions.trial_chunks import CHUNK_TRIALS
 
 BALL = HandVolume(np.array([[0.0, 0.0, -0.05]]), np.array([[0.0, 0.0, -0.05]]), np.array([0.02]))
 BEHIND = Occlusion("behind", Sphere(0.02), Pose(np.array([0.0, 0.0, -0.08])))
@@ -48,7 +49,7 @@ def test_an_archive_of_version_1_keeps_its_trials_and_learns_hand_volumes(tmp_pa
         assert archive.best(BY_HAND).occluded == 1
         assert len(archive.best(BestGraspQuery((BEHIND,))).grasps) == 1
     connection = sqlite3.connect(path)
-    assert schema_version(connection) == len(MIGRATIONS) == 3
+    assert schema_version(connection) == len(MIGRATIONS) == 4
     (stored,) = connection.execute("SELECT hand_volume FROM trial WHERE stamp_ns = 10").fetchone()
     connection.close()
     np.testing.assert_array_equal(np.frombuffer(stored, "<i2").reshape(-1, 7), BALL.packed())
@@ -58,7 +59,7 @@ def test_a_step_that_fails_leaves_the_older_version_whole(tmp_path: Path) -> Non
     path = tmp_path / "archive.db"
     make_version_1(path)
     connection = sqlite3.connect(path, isolation_level=None)
-    broken = (MIGRATIONS[0], "ALTER TABLE trial ADD COLUMN extra BLOB; DROP TABLE missing")
+    broken = (MIGRATIONS[0], ("ALTER TABLE trial ADD COLUMN extra BLOB; DROP TABLE missing",))
     with pytest.raises(sqlite3.OperationalError, match="missing"):
         prepare_schema(connection, str(path), broken)
     assert schema_version(connection) == 1
@@ -78,3 +79,59 @@ def test_sessions_are_told_apart(tmp_path: Path) -> None:
     with SolutionArchive(path, "bottle") as archive:  # opening alone makes no session
         assert [(session.id, session.trials) for session in archive.sessions] == [(1, 3), (2, 3)]
         assert archive.sessions[0].begun_ns <= archive.sessions[1].begun_ns
+
+
+def test_a_trial_that_was_changed_by_hand_is_read_as_it_is_now(tmp_path: Path) -> None:
+    path = tmp_path / "archive.db"
+    with SolutionArchive(path, "bottle") as archive:
+        archive.add_many(
+            StampedGrasp(stamp, Grasp(Pose.identity(), GraspOutcome.GRASPED, 0.5)) for stamp in range(600)
+        )
+    connection = sqlite3.connect(path)
+    chunks = "SELECT count(*), sum(trials) FROM chunk"
+    assert connection.execute(chunks).fetchone() == (2, 2 * CHUNK_TRIALS)
+    connection.execute("UPDATE trial SET quality = 0.75 WHERE stamp_ns = 100")
+    connection.execute("DELETE FROM trial WHERE stamp_ns = 300")
+    connection.commit()
+    connection.close()
+    with SolutionArchive(path, "bottle") as archive:
+        assert len(archive) == 599
+        assert [s.stamp_ns for s in archive.best().grasps] == [100]
+
+
+def test_an_archive_of_version_3_is_packed_when_it_is_opened(tmp_path: Path) -> None:
+    path = tmp_path / "archive.db"
+    connection = sqlite3.connect(path, isolation_level=None)
+    prepare_schema(connection, str(path), MIGRATIONS[:3])
+    connection.execute("INSERT INTO object (id, name) VALUES (1, 'bottle')")
+    for stamp in range(CHUNK_TRIALS + 1):
+        connection.execute(
+            "INSERT INTO trial VALUES (1, ?, 1, 0, ?, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, NULL, x'')",
+            (stamp, 0.001 * (stamp + 1)),
+        )
+        connection.execute(
+            "INSERT INTO trial_detail VALUES (1, ?, 'icub', 0.1, '', '[]', x'', '[]', x'')", (stamp,)
+        )
+    connection.close()
+    with SolutionArchive(path, "bottle") as archive:
+        assert len(archive) == CHUNK_TRIALS + 1
+        assert archive.best(BestGraspQuery(min_quality=0.2565)).considered == 1
+    connection = sqlite3.connect(path)
+    assert connection.execute("SELECT trials FROM chunk").fetchall() == [(CHUNK_TRIALS,)]
+    connection.close()
+
+
+def test_a_damaged_chunk_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "archive.db"
+    with SolutionArchive(path, "bottle") as archive:
+        for stamp in range(CHUNK_TRIALS):
+            archive.add(StampedGrasp(stamp, Grasp(Pose.identity(), GraspOutcome.GRASPED, 0.5)))
+    connection = sqlite3.connect(path)
+    (blob,) = connection.execute("SELECT grasps FROM chunk").fetchone()
+    changed = bytearray(blob)
+    changed[40] ^= 1
+    connection.execute("UPDATE chunk SET grasps = ?", (bytes(changed),))
+    connection.commit()
+    connection.close()
+    with pytest.raises(ArchiveError, match="wrong checksum"):
+        SolutionArchive(path, "bottle")

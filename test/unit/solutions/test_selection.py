@@ -7,9 +7,9 @@ import pytest
 
 from mebo_grasp.errors import InvalidQueryError
 from mebo_grasp.grasp import FloatArray
+from mebo_grasp.quality_diversity import qd_of_rows
 from mebo_grasp.solutions.diversity import PoseMetric, qd_value, select_diverse
 from mebo_grasp.solutions.selection import (
-    qd_of_rows,
     select_by_clusters,
     select_exact,
     select_max_qd,

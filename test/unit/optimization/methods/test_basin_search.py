@@ -135,6 +135,33 @@ def test_all_peaks_of_different_height_enter_the_set_that_is_wanted():
     np.testing.assert_allclose(sorted(s.x[0] for s in solutions), [0.15, 0.5, 0.85], atol=0.01)
 
 
+def two_islands(x):
+    """Hills of heights 1 and 0.7 on a plateau at 0, a fifth of the square."""
+    near = [float(np.linalg.norm(x - np.array(centre))) for centre in ([0.25, 0.3], [0.8, 0.7])]
+    return max(0.0, 1.0 - 4.0 * near[0], 0.7 - 4.0 * near[1])
+
+
+def test_plateau_is_searched_around_diverse_points_in_turn_also_after_a_restart():
+    net = np.random.default_rng(0).random((40, 2))
+    settings = OptimizerSettings(num_solutions=3)
+    method, twin = (BasinSearch(SearchSpace.unit_cube(2), settings) for _ in range(2))
+    method.propose(observed(net, two_islands), 2, np.random.default_rng(0))
+    assert method.phase == "improvement"
+    twin.restore(method.state())
+    proposed = []
+    for resumed in (twin, method):
+        proposed.append(resumed.propose(observed(net, two_islands), 1, np.random.default_rng(0)))
+        assert resumed.phase == "solution set"
+    np.testing.assert_array_equal(*proposed)
+
+
+@pytest.mark.parametrize("wanted", [None, 2])
+def test_both_islands_are_found_whether_or_not_their_number_is_given(wanted):
+    optimizer = finished(two_islands, 2, 80, n_initial=25, num_solutions=wanted)
+    found = optimizer.solution_set(size=2, min_distance=0.3)
+    np.testing.assert_allclose([s.x for s in found], [[0.25, 0.3], [0.8, 0.7]], atol=0.03)
+
+
 def test_best_value_beside_a_cliff_is_found_in_six_dimensions():
     # Off the plateau on a few per cent of the space; the value rises to 1.7 at the cliff in the first dimension.
     def cliff(x):

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.optimization.methods.base import MethodSettings
 from mebo_grasp.optimization.methods.cl_mebo import ClMebo
 from mebo_grasp.optimization.methods.e_mebo import EMebo
@@ -57,6 +58,25 @@ def test_it_explores_when_there_are_fewer_regions_than_wanted():
     method = ClMebo(SearchSpace.unit_cube(2), wanted)
     method.propose(known, 3, np.random.default_rng(1))
     assert method.phase == "explorative"
+
+
+def test_half_of_the_clusters_suffice_if_the_settings_say_so():
+    # Four regions are wanted where there are three: three quarters suffice, all of them would not.
+    phases = {}
+    for share in (0.5, 0.75, 1.0):
+        wanted = MethodSettings(
+            budget=100, burn_in=20, num_solutions=4, min_distance=0.5, cluster_share=share
+        )
+        method = ClMebo(SearchSpace.unit_cube(2), wanted)
+        method.propose(known_points(95), 3, np.random.default_rng(1))
+        phases[share] = method.phase
+    assert phases == {0.5: "clusters", 0.75: "clusters", 1.0: "explorative"}
+
+
+@pytest.mark.parametrize("share", [0.0, -0.5, 1.01, float("nan")])
+def test_a_share_of_clusters_is_a_share(share):
+    with pytest.raises(InvalidSettingsError, match="cluster_share"):
+        MethodSettings(cluster_share=share)
 
 
 def test_solution_set_has_one_point_a_peak():

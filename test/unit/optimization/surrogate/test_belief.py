@@ -72,6 +72,18 @@ def test_one_value_off_the_plateau_is_too_few_to_model_by_itself():
     assert PlateauSurrogate(2).update(U, y, np.random.default_rng(1)).best.chance is None
 
 
+def test_plateau_is_not_forgotten_when_the_search_has_left_it():
+    rng = np.random.default_rng(0)
+    early, late = np.zeros(8), rng.uniform(1.0, 2.0, 72)
+    U = rng.random((80, 2))
+    y = np.concatenate([early[:4], late[:4], early[4:], late[4:]])
+    assert PlateauSurrogate(2).update(U, y, rng).best.chance is not None
+    spread_out = np.concatenate([late[:36], early, late[36:]])
+    assert PlateauSurrogate(2).update(U, spread_out, rng).best.chance is not None
+    few_among_many = np.concatenate([late, early])
+    assert PlateauSurrogate(2).update(U, few_among_many, rng).best.chance is None
+
+
 def test_assumed_points_extend_both_parts(belief):
     A = np.array([[0.5, 0.5]])
     after = belief.condition_on(A)

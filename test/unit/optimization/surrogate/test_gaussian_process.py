@@ -145,3 +145,23 @@ def test_cholesky_mends_rounding_and_refuses_nonsense():
 def test_bad_data_is_refused(U, y):
     with pytest.raises(InvalidSettingsError, match="finite U"):
         GaussianProcess.fit(U, y)
+
+
+@pytest.mark.parametrize("count", [1, 4])
+def test_a_conditioned_posterior_is_the_same_whether_or_not_variances_were_asked_for_before(count):
+    rng = np.random.default_rng(3)
+    U, A, new = rng.random((30, 3)), rng.random((20, 3)), rng.random((count, 3))
+    y, values = np.sin(5.0 * U[:, 0]) + U[:, 1], rng.standard_normal(count)
+    asked, fresh = GaussianProcess.fit(U, y), GaussianProcess.fit(U, y)
+    asked.predict(A)
+    for _ in range(2):
+        asked, fresh = asked.condition_on(new, values), fresh.condition_on(new, values)
+        np.testing.assert_allclose(asked.predict(A), fresh.predict(A), rtol=1e-9, atol=1e-9)
+        new = new + 0.01
+
+
+def test_many_points_are_predicted_like_few():
+    U = np.random.default_rng(0).random((12, 2))
+    gp = GaussianProcess.fit(U, np.sin(U[:, 0]))
+    A = np.random.default_rng(1).random((1300, 2))
+    np.testing.assert_allclose(gp.predict_mean(A), [gp.predict_mean(a[None])[0] for a in A], rtol=1e-12)

@@ -1,0 +1,45 @@
+"""``explore`` before its nodes start: refused numbers, a folder in use, signals."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from mebo_grasp.cli.explore import STOP_SIGNALS, sole_user, stop_at_signals
+from mebo_grasp.cli.main import main
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("--budget", "0"), ("--initial", "0"), ("--seed", "-1"), ("--size", "0"), ("--min-distance", "nan")],
+)
+def test_a_number_out_of_range_is_named_and_leaves_no_folder(
+    option: str, value: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["explore", option, value, "--out", str(tmp_path / "run")]) == 2
+    assert option in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_second_exploration_in_a_folder_is_refused_and_deletes_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "trials.db").write_text("of the first")
+    with sole_user(tmp_path):
+        assert main(["explore", "--out", str(tmp_path), "--restart"]) == 2
+    assert "another exploration runs in" in capsys.readouterr().err
+    assert (tmp_path / "trials.db").read_text() == "of the first"
+
+
+@pytest.mark.parametrize("number", STOP_SIGNALS)
+def test_the_first_signal_is_noted_and_the_second_stops(number: signal.Signals) -> None:
+    before = signal.getsignal(number)
+    with stop_at_signals() as stop:
+        os.kill(os.getpid(), number)
+        assert stop.is_set()
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), number)
+    assert signal.getsignal(number) is before

@@ -1,0 +1,51 @@
+"""What every node does before it spins, and with whom it ends."""
+
+import gc
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+from mebo_grasp.nodes.runtime import forget_garbage
+
+NODE = """
+import time
+from mebo_grasp.nodes.runtime import end_with_parent
+end_with_parent()
+print("up", flush=True)
+time.sleep(60)
+"""
+PARENT = f"""
+import os, subprocess, sys, time
+subprocess.Popen([sys.executable, "-c", {NODE!r}], env=os.environ | {{"MEBO_GRASP_PARENT": str(os.getpid())}})
+time.sleep(60)
+"""
+
+
+@pytest.fixture
+def thawed() -> Iterator[None]:
+    yield
+    gc.unfreeze()
+
+
+@pytest.mark.usefixtures("thawed")
+def test_later_collections_leave_out_what_is_there_now() -> None:
+    kept = [[k] for k in range(1000)]
+    forget_garbage()
+    assert gc.get_freeze_count() > len(kept)
+    assert not any(item is kept for item in gc.get_objects())
+    later: list[object] = []
+    assert any(item is later for item in gc.get_objects())
+
+
+def test_a_node_ends_when_its_exploration_is_killed() -> None:
+    parent = subprocess.Popen(
+        [sys.executable, "-c", PARENT], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    assert parent.stdout is not None
+    assert parent.stdout.readline() == "up\n"
+    parent.kill()
+    # The pipe is closed when the last process that writes to it has ended: the node, which would sleep on.
+    rest, _ = parent.communicate(timeout=30)
+    assert rest == ""
