@@ -97,13 +97,15 @@ def test_one_leaf_is_the_gaussian_process():
     surrogate = TreedSurrogate(2, settings=TreeSettings(min_leaf=16, half_range_signal=False))
     treed = surrogate.update(data, np.random.default_rng(0))
     assert len(treed.leaves) == 1
-    plain = GaussianProcess.fit(data.U, data.y, treed.leaves[0].hyperparameters)
+    leaf = treed.leaves[0]
+    assert isinstance(leaf, GaussianProcess)
+    plain = GaussianProcess.fit(data.U, data.y, leaf.hyperparameters)
     A = np.random.default_rng(2).random((20, 2))
     for mine, its in zip(treed.predict_with_gradients(A), plain.predict_with_gradients(A), strict=True):
         assert mine == pytest.approx(its)
     # Its hyperparameters are a summit of the plain posterior as well.
     density = WeightedPosterior([Part(data.U, standardize(data.y)[0], 1.0)])
-    vector = treed.leaves[0].hyperparameters.vector
+    vector = leaf.hyperparameters.vector
     inside = (vector > density.prior.lower) & (vector < density.prior.upper)
     assert np.abs(density.with_gradient(vector)[1][inside]).max() < 0.2
 
@@ -164,7 +166,8 @@ def test_regions_differ_in_smoothness_where_the_function_does():
 def test_the_signal_of_every_leaf_is_half_the_range_of_all_values(sampling):
     data = known(60)
     treed = TreedSurrogate(2, settings=TreeSettings(12, None, sampling)).update(data, np.random.default_rng(0))
-    members = [m for leaf in treed.leaves for m in getattr(leaf, "members", (leaf,))]
+    members: list[GaussianProcess] = [m for leaf in treed.leaves for m in getattr(leaf, "members", (leaf,))]
+    assert all(isinstance(member, GaussianProcess) for member in members)
     signals = [member.scale * np.exp(0.5 * member.hyperparameters.theta[-1]) for member in members]
     assert signals == pytest.approx([0.5 * np.ptp(data.y)] * len(members))
 
