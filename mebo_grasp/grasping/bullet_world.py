@@ -7,12 +7,15 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pybullet
 from numba import njit
 
 from mebo_grasp.grasping.engine import GAP_CALLBACK, QUERY_RANGE
+from mebo_grasp.grasping.quiet_import import quiet_stderr
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.grasping.urdf import LinkShape
+
+with quiet_stderr():
+    import pybullet
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

@@ -9,11 +9,18 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc, spearmanr
 
-from mebo_grasp.grasp import Grasp, GraspOutcome
+from mebo_grasp.grasp import Grasp, GraspOutcome, HandPosture
 from mebo_grasp.grasping.bullet_world import BulletWorld
 from mebo_grasp.grasping.engine import ENGINES_APART
+from mebo_grasp.grasping.hand_arrays import build_hand_arrays, never_meeting_pairs
 from mebo_grasp.grasping.hand_model import HandModel
-from mebo_grasp.grasping.mesh_distance import box_gap, nearest_points, segment_distance
+from mebo_grasp.grasping.mesh_distance import (
+    box_gap,
+    nearest_points,
+    segment_distance,
+    segment_segment,
+    tracked_distance,
+)
 from mebo_grasp.grasping.pose_space import pose_space_6d
 from mebo_grasp.grasping.simulator import GraspSimulator
 from mebo_grasp.grasping.target_object import TargetObject
@@ -105,6 +112,47 @@ def test_segment_distance_over_a_tree_is_the_least_over_its_triangles() -> None:
         single = min(segment_distance(build_tree(triangle[None]), p, q, 1.0) for triangle in triangles)
         assert segment_distance(tree, p, q, 1.0) == pytest.approx(single, abs=1e-12)
         assert segment_distance(tree, p, q, 0.5 * single) == pytest.approx(0.5 * single, abs=1e-12)
+
+
+def test_a_known_triangle_changes_no_distance() -> None:
+    """Whatever triangle is taken for the nearest; the drill is not convex, so that the direction alone does not do."""
+    target = TargetObject.builtin("drill")
+    tree = build_tree(np.array(target.mesh.triangles, dtype=np.float64))
+    rng = np.random.default_rng(9)
+    for _ in range(200):
+        p = rng.uniform(target.bounds[0] - 0.02, target.bounds[1] + 0.02)
+        q = p + rng.normal(size=3) * 0.02
+        plain = segment_distance(tree, p, q, 0.04)
+        known = rng.integers(-1, len(tree.triangles), 1)
+        for _ in range(2):
+            assert tracked_distance(tree, p, q, 0.04, known, 0) == pytest.approx(plain, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["icub_left", "icub_right"])
+def test_fingers_that_are_never_tested_never_meet(name: str) -> None:
+    hand = HandModel.load(name)
+    arrays, layout = build_hand_arrays(hand, hand.preshape)
+    pairs, rng = never_meeting_pairs(arrays), np.random.default_rng(10)
+    assert 0 < len(pairs) < 120
+    for _ in range(200):
+        posture = hand.posture(dict(zip(hand.joint_names, rng.uniform(hand.lower, hand.upper), strict=True)))
+        at = hand.link_transforms(HandPosture(posture.names, tuple(_only_closing(hand, posture))))
+        ends = []
+        for shape in layout.shapes:
+            T = at[shape.link] @ shape.T_link_shape
+            along = 0.5 * shape.dims[1] * T[:3, 2]
+            ends.append((T[:3, 3] - along, T[:3, 3] + along, shape.dims[0]))
+        for i, k in pairs:
+            assert segment_segment(*ends[i][:2], *ends[k][:2]) - ends[i][2] - ends[k][2] > 0.0
+
+
+def _only_closing(hand: HandModel, posture: HandPosture) -> list[float]:
+    """Return joint values of which only the closing joints differ from the preshape."""
+    closing = {joint for finger in hand.fingers for joint in finger.joints}
+    return [
+        value if joint in closing else still
+        for joint, value, still in zip(posture.names, posture.positions, hand.preshape.positions, strict=True)
+    ]
 
 
 def test_nearest_points_are_as_far_apart_as_the_distance_says() -> None:

@@ -115,3 +115,19 @@ def test_quality_is_nan_exactly_when_the_trial_failed() -> None:
     ):
         with pytest.raises(InvalidPoseError, match="contradicts"):
             Grasp(Pose.identity(), outcome, quality)
+
+
+def test_contacts_built_together_are_those_built_one_by_one() -> None:
+    points, normals = np.arange(6.0).reshape(2, 3), np.array([[0.0, 0.0, 1.0], [0.6, 0.8, 0.0]])
+    both = GraspContact.from_rows(("a", "b"), points, normals)
+    for contact, link, point, normal in zip(both, "ab", points, normals, strict=True):
+        single = GraspContact(link, point, normal)
+        assert (contact.link, contact.position.tolist()) == (single.link, single.position.tolist())
+        assert contact.normal.tolist() == single.normal.tolist()
+        with pytest.raises(ValueError, match="read-only"):
+            contact.position[0] = 1.0
+    for bad in ([[0.0, 0.0, 1.1], [1.0, 0.0, 0.0]], [[0.0, 0.0, math.nan], [1.0, 0.0, 0.0]]):
+        with pytest.raises(InvalidPoseError):
+            GraspContact.from_rows(("a", "b"), points, bad)
+    with pytest.raises(InvalidPoseError):
+        GraspContact.from_rows(("a",), points, normals)

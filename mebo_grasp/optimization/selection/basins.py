@@ -241,8 +241,11 @@ def basin_neighbours(
     nearest = (by_kernel, by_cube)
     index = np.concatenate([np.asarray(i, dtype=np.int64).reshape(-1, count) for _, i in nearest], axis=1)
     reach = np.stack([np.asarray(far).reshape(-1, count)[:, -1] for far, _ in nearest], axis=1)
-    starts = np.repeat(candidates, index.shape[1], axis=0)
-    shared = same_basin(posterior, starts, U[index.ravel()], slack).reshape(index.shape)
+    # Many are near in both coordinates; each pair is tested once.
+    pairs = np.arange(len(candidates))[:, None] * len(U) + index
+    distinct_pairs, where = np.unique(pairs, return_inverse=True)
+    starts, ends = np.divmod(distinct_pairs, len(U))
+    shared = same_basin(posterior, candidates[starts], U[ends], slack)[where].reshape(index.shape)
     return Neighbours(index, shared, reach)
 
 

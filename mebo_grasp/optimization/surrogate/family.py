@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from scipy.optimize import minimize
@@ -14,13 +15,17 @@ from mebo_grasp.optimization.surrogate.additive import (
     ADDITIVE_SQUARED_EXPONENTIAL,
     SumKernel,
 )
-from mebo_grasp.optimization.surrogate.hyperparameters import log_posterior_and_gradient
+from mebo_grasp.optimization.surrogate.hyperparameters import log_posterior, log_posterior_and_gradient
 from mebo_grasp.optimization.surrogate.kernels import MATERN52, SQUARED_EXPONENTIAL, Kernel, LogNormalPrior
-from mebo_grasp.optimization.surrogate.warping import KumaraswamyWarp, MappedKernel, Turn
+from mebo_grasp.optimization.surrogate.warping import KumaraswamyWarp, MappedKernel, StretchWarp, Turn, Warp
 
 START_LENGTHSCALES = (0.08, 0.25, 0.8)
 """Where the searches start: a lengthscale of 0.08 follows a function with about six periods a side."""
 START_ANGLES = tuple(np.linspace(0.0, np.pi / 2.0, 8, endpoint=False))
+START_PLACES = tuple(np.linspace(0.0, 1.0, 11))
+START_WIDTHS = (0.02, 0.1)
+START_FACTORS = (0.7, 1.0, 1.5)
+"""A stretch is sought from these places and widths, with these changes of the lengthscale."""
 PLATEAU_SHARE, PLATEAU_SIZE = 0.15, 4
 """A share and a number of values equal to the lowest that mean that the function has a plateau there."""
 MAX_WARPED_DIM = 3
@@ -39,18 +44,18 @@ class Structure:
 
     Args:
         base: kernel behind the maps.
-        warped: whether each dimension is warped.
+        warp: map of each dimension, if any.
         turned: whether the axes are turned (before the warp).
     """
 
     base: Kernel
-    warped: bool = False
+    warp: Warp | None = None
     turned: bool = False
 
     @property
     def kernel(self) -> Kernel:
         """The kernel with its maps."""
-        kernel = MappedKernel(self.base, KumaraswamyWarp()) if self.warped else self.base
+        kernel = MappedKernel(self.base, self.warp) if self.warp is not None else self.base
         return MappedKernel(kernel, Turn()) if self.turned else kernel
 
     @property
@@ -60,7 +65,11 @@ class Structure:
 
 
 def family(dim: int) -> tuple[Structure, ...]:
-    """The structures that are compared in ``dim`` dimensions; simpler ones before those built on them."""
+    """The structures that are compared in ``dim`` dimensions; simpler ones before those built on them.
+
+    Along the given axes the warp is Kumaraswamy's: what it stretches is an end of a side. Along turned axes it is
+    the stretch, because there the part of the cube in which the function varies fast may lie anywhere.
+    """
     coupled = [Structure(MATERN52), Structure(SQUARED_EXPONENTIAL)]
     additive: list[Structure] = []
     if dim > 1:
@@ -70,7 +79,11 @@ def family(dim: int) -> tuple[Structure, ...]:
     plain = coupled + additive
     if dim > MAX_WARPED_DIM:
         return tuple(plain)
-    return (*plain, *(replace(structure, warped=True) for structure in plain))
+    warped = [
+        replace(structure, warp=StretchWarp() if structure.turned else KumaraswamyWarp())
+        for structure in plain
+    ]
+    return (*plain, *warped)
 
 
 def has_plateau(y: FloatArray) -> bool:
@@ -94,18 +107,52 @@ def starts(structure: Structure, dim: int, known: dict[Structure, FloatArray]) -
             that is the identity or a coupled rest that is small, so it hardly does worse.
     """
     extended = []
-    if structure.warped:
-        simpler = known.get(replace(structure, warped=False))
+    if structure.warp is not None:
+        simpler = known.get(replace(structure, warp=None))
         if simpler is not None:
-            extended.append(_inserted(simpler, np.zeros(2 * dim), structure.tail))
+            extended.append(_inserted(simpler, structure.warp.identity(dim), structure.tail))
     if isinstance(structure.base, SumKernel):
         simpler = known.get(replace(structure, base=structure.base.first))
         if simpler is not None:
             rest = structure.base.second.prior(dim).mean.copy()
             rest[-1] = np.log(SMALL_REST)
-            behind = structure.tail + (2 * dim if structure.warped else 0)
+            behind = structure.tail + (2 * dim if structure.warp is not None else 0)
             extended.append(_inserted(simpler, rest, behind))
     return extended or _cold_starts(structure, dim)
+
+
+def placed(structure: Structure, U: FloatArray, z: FloatArray, vector: FloatArray) -> FloatArray:
+    """The best of a few places and widths of each dimension's stretch, one dimension after the other.
+
+    The posterior density has many maxima along a place, so a climb from the identity seldom finds the highest.
+
+    Args:
+        structure: a stretched one.
+        U: points, shape (n, d).
+        z: standardized values, shape (n,).
+        vector: where the search starts, shape (p + 1,).
+    """
+    dim = U.shape[1]
+    prior = prior_of(structure.kernel, dim)
+    first = len(vector) - structure.tail - 2 * dim
+
+    def value(trial: FloatArray) -> float:
+        try:
+            return log_posterior(trial, U, z, structure.kernel, prior)
+        except InvalidSettingsError:
+            return -np.inf
+
+    best, highest = vector, value(vector)
+    for axis in range(dim):
+        origin = best
+        for place, width, factor in product(START_PLACES, START_WIDTHS, START_FACTORS):
+            trial = origin.copy()
+            trial[[first + axis, first + dim + axis]] = place, np.log(width)
+            trial[axis] += np.log(factor)
+            reached = value(trial)
+            if reached > highest:
+                best, highest = trial, reached
+    return best
 
 
 def _inserted(vector: FloatArray, part: FloatArray, behind: int) -> FloatArray:

@@ -10,6 +10,7 @@ from scipy.optimize import minimize
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.surrogate.gaussian_process import (
+    GaussianProcess,
     Hyperparameters,
     log_marginal_likelihood_and_gradient,
 )
@@ -71,6 +72,14 @@ def log_posterior_and_gradient(
     value, gradient = log_marginal_likelihood_and_gradient(U, z, Hyperparameters.from_vector(vector), kernel)
     log_prior, prior_gradient = prior.log_density_and_gradient(vector)
     return value + log_prior, gradient + prior_gradient
+
+
+def log_posterior(
+    vector: FloatArray, U: FloatArray, z: FloatArray, kernel: Kernel, prior: LogNormalPrior
+) -> float:
+    """Log posterior density of (theta, log noise), shape (p + 1,), up to a constant."""
+    posterior = GaussianProcess.of_standardized(U, z, Hyperparameters.from_vector(vector), kernel)
+    return posterior.log_marginal_likelihood() + prior.log_density_and_gradient(vector)[0]
 
 
 def subset(z: FloatArray, max_points: int, rng: np.random.Generator) -> FloatArray:

@@ -2,11 +2,12 @@
 
 The family is {Matérn 5/2 ARD, squared exponential ARD, additive Matérn 5/2, additive squared exponential,
 additive squared exponential + Matérn 5/2 ARD} × {no warp, Kumaraswamy warp} (no warp above three dimensions), in two
-dimensions the additive ones also along turned axes. A member's worth is the Laplace approximation of its log
-evidence: the posterior density at its best hyperparameters, less half a nat for each e-fold by which the data
-narrow a parameter's variance. All members are learned when the number of values has grown
-by a fixed factor; members that have fallen far behind are only refreshed then, and in between only those that
-are believed. As long as the evidence does not decide, several are: each with its share of the evidence.
+dimensions the additive ones also along turned axes × {no warp, stretch}. A member's worth is the Laplace
+approximation of its log evidence: the posterior density at its best hyperparameters, less half a nat for each
+e-fold by which the data narrow a parameter's variance. All members are learned when the number of values has
+grown by a fixed factor (with many values, those that have fallen far behind are only refreshed then), and in
+between only those that are believed. As long as the evidence does not decide, several are: each with its share of
+the evidence.
 
 Where many values equal the lowest and hardly one is better (with more of them ``belief`` models the plateau
 apart), only the coupled Matérn 5/2 is eligible. A squared exponential's functions are analytic, so one with a
@@ -29,12 +30,14 @@ from mebo_grasp.optimization.surrogate.family import (
     family,
     has_plateau,
     laplace_evidence,
+    placed,
     prior_of,
     starts,
 )
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess, Hyperparameters, standardize
 from mebo_grasp.optimization.surrogate.hyperparameters import subset
 from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel
+from mebo_grasp.optimization.surrogate.warping import StretchWarp
 
 MAX_BELIEVED, SMALLEST_SHARE = 3, 0.05
 """Members that are believed at once, and the share of the best one's evidence below which one is not."""
@@ -47,6 +50,7 @@ class StructureSettings:
     Args:
         growth: all members are learned anew when the number of values has grown by this factor.
         max_points_family: values used to compare the members.
+        max_points_thorough: up to this many, every comparison searches from all the starting points.
         max_points: values used to learn the chosen member.
         scout_iterations: of L-BFGS-B from every start.
         climb_iterations: of L-BFGS-B from the best start.
@@ -59,6 +63,7 @@ class StructureSettings:
 
     growth: float = 1.25
     max_points_family: int = 160
+    max_points_thorough: int = 112
     max_points: int = 400
     scout_iterations: int = 5
     climb_iterations: int = 40
@@ -188,7 +193,9 @@ class StructuredSurrogate:
 
     def _compare(self, U: FloatArray, y: FloatArray, rng: np.random.Generator) -> None:
         data = self._data(U, y, self._settings.max_points_family, rng)
-        first = not self._compared_at
+        # A few values more can move the highest maximum of a density with many, so as long as a search from all
+        # starting points is cheap it is repeated; later only for members in contention.
+        thorough = len(data[1]) <= self._settings.max_points_thorough
         plateau = has_plateau(y)
         scouted: list[Member] = []
         for member in self._members:
@@ -196,14 +203,14 @@ class StructuredSurrogate:
                 scouted.append(replace(member, value=-np.inf))
                 continue
             known = {other.structure: other.vector for other in scouted if np.isfinite(other.value)}
-            scouted.append(self._scouted(member, *data, known, cold=first))
+            scouted.append(self._scouted(member, *data, known, cold=thorough))
         best = max(member.value for member in scouted)
         learned: list[Member] = []
         for member in scouted:
             known = {other.structure: other.vector for other in learned if np.isfinite(other.value)}
             hopeful = member.value >= best - self._settings.contention
             learned.append(
-                self._learned(member, *data, known, cold=not first)
+                self._learned(member, *data, known, cold=not thorough)
                 if hopeful
                 else replace(member, evidence=-np.inf)
             )
@@ -223,23 +230,31 @@ class StructuredSurrogate:
     def _scouted(
         self, member: Member, U: FloatArray, z: FloatArray, known: dict[Structure, FloatArray], cold: bool
     ) -> Member:
-        """A few steps: from where the member was, or from all the starting points."""
+        """A few steps from where the member was; ``cold`` also from all the starting points."""
+        ends = []
+        if np.isfinite(member.value):
+            ends.append(_climbed(member, U, z, self._settings.refresh_iterations))
+        if cold or not ends:
+            ends.append(self._started(member, U, z, known))
+        return max(ends, key=lambda end: end.value)
+
+    def _started(
+        self, member: Member, U: FloatArray, z: FloatArray, known: dict[Structure, FloatArray]
+    ) -> Member:
+        """A few steps from all the starting points and a few more from the best."""
         iterations = self._settings.scout_iterations
-        if not cold:
-            return _climbed(member, U, z, self._settings.refresh_iterations)
-        scouts = [
-            _climbed(replace(member, vector=start), U, z, iterations)
-            for start in starts(member.structure, self._dim, known)
-        ]
-        best = max(scouts, key=lambda scout: scout.value)
-        return _climbed(best, U, z, 3 * iterations)
+        points = starts(member.structure, self._dim, known)
+        if isinstance(member.structure.warp, StretchWarp):
+            points = [placed(member.structure, U, z, point) for point in points]
+        scouts = [_climbed(replace(member, vector=start), U, z, iterations) for start in points]
+        return _climbed(max(scouts, key=lambda scout: scout.value), U, z, 3 * iterations)
 
     def _learned(
         self, member: Member, U: FloatArray, z: FloatArray, known: dict[Structure, FloatArray], cold: bool
     ) -> Member:
         """Climb to the end and take the evidence; ``cold`` also looks for a better start."""
         if cold:
-            member = max(member, self._scouted(member, U, z, known, cold=True), key=lambda scout: scout.value)
+            member = max(member, self._started(member, U, z, known), key=lambda scout: scout.value)
         member = _climbed(member, U, z, self._settings.climb_iterations)
         evidence = laplace_evidence(member.kernel, U, z, member.vector, member.value)
         return replace(member, evidence=evidence)

@@ -19,6 +19,8 @@ from mebo_grasp.optimization.surrogate.kernels import Kernel, LogNormalPrior
 _EDGE = 1e-4
 """Inputs are drawn in by this share of the side: the warp's slope may be infinite on the border."""
 WARP_SD, WARP_BOUND = 0.75, 2.5
+STRETCH_PLACES, STRETCH_PLACE_SD = (-0.25, 1.25), 0.4
+STRETCH_SD, STRETCH_NARROWEST = 1.5, 3e-3
 
 
 class InputMap(Protocol):
@@ -44,6 +46,13 @@ class InputMap(Protocol):
         """Points, shape (m, d), that are mapped to V; they may lie outside the cube."""
 
 
+class Warp(InputMap, Protocol):
+    """A map that acts on each dimension alone."""
+
+    def identity(self, dim: int) -> FloatArray:
+        """Parameters that change next to nothing, shape (k,) for ``dim`` dimensions."""
+
+
 @dataclass(frozen=True)
 class KumaraswamyWarp:
     """w(u) = 1 - (1 - u^a)^b in each dimension, phi = (log a_1, …, log a_d, log b_1, …, log b_d).
@@ -66,6 +75,10 @@ class KumaraswamyWarp:
     @staticmethod
     def _drawn_in(U: FloatArray) -> FloatArray:
         return _EDGE + (1.0 - 2.0 * _EDGE) * np.asarray(U)
+
+    def identity(self, dim: int) -> FloatArray:
+        """The parameters that change nothing, shape (2 d,)."""
+        return np.zeros(2 * dim)
 
     def forward(self, U: FloatArray, phi: FloatArray) -> FloatArray:
         """Warped points, shape (m, d)."""
@@ -97,6 +110,75 @@ class KumaraswamyWarp:
         u = (-np.expm1(np.log1p(-np.clip(V, 0.0, 1.0 - 1e-12)) / b)) ** (1.0 / a)
         unwarped: FloatArray = np.clip((u - _EDGE) / (1.0 - 2.0 * _EDGE), 0.0, 1.0)
         return unwarped
+
+
+@dataclass(frozen=True)
+class StretchWarp:
+    """Stretches each dimension around a place of its own, phi = (c_1, …, c_d, log s_1, …, log s_d).
+
+    w(u) = (g(u) - g(0)) / (g(1) - g(0)) with g(u) = asinh((u - c) / s): near c it is linear, and farther than s
+    from it a logarithm of the distance, so a function that varies the more slowly the farther from c becomes
+    stationary. The place may be inside the cube, which a Kumaraswamy warp cannot express; a large s is the
+    identity.
+    """
+
+    name: str = "stretched"
+
+    def prior(self, dim: int) -> LogNormalPrior:
+        """Places anywhere in the cube and a little beyond; widths around the side, near the identity."""
+        ones = np.ones(dim)
+        first, last = STRETCH_PLACES
+        where = LogNormalPrior(0.5 * ones, STRETCH_PLACE_SD * ones, first * ones, last * ones)
+        return where + LogNormalPrior.repeated(dim, 1.0, STRETCH_SD, STRETCH_NARROWEST, 10.0)
+
+    @staticmethod
+    def _split(phi: FloatArray) -> tuple[FloatArray, FloatArray]:
+        half = len(phi) // 2
+        return phi[:half], np.exp(phi[half:])
+
+    def _range(self, phi: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """g(0) and g(1) - g(0), shape (d,) each."""
+        c, s = self._split(phi)
+        first = np.arcsinh(-c / s)
+        return first, np.arcsinh((1.0 - c) / s) - first
+
+    def identity(self, dim: int) -> FloatArray:
+        """Parameters that change next to nothing, shape (2 d,)."""
+        return np.repeat([0.5, np.log(3.0)], dim)
+
+    def forward(self, U: FloatArray, phi: FloatArray) -> FloatArray:
+        """Stretched points, shape (m, d)."""
+        c, s = self._split(phi)
+        first, total = self._range(phi)
+        stretched: FloatArray = (np.arcsinh((U - c) / s) - first) / total
+        return stretched
+
+    def pull_back(self, U: FloatArray, phi: FloatArray, G: FloatArray) -> FloatArray:
+        """Gradient by U; the map acts on each dimension alone."""
+        c, s = self._split(phi)
+        gradient: FloatArray = G / (np.hypot(U - c, s) * self._range(phi)[1])
+        return gradient
+
+    def parameter_gradient(self, U: FloatArray, phi: FloatArray, G: FloatArray) -> FloatArray:
+        """Gradient by (c, log s)."""
+        c, s = self._split(phi)
+        warped, total = self.forward(U, phi), self._range(phi)[1]
+
+        def slopes(offset: FloatArray) -> tuple[FloatArray, FloatArray]:
+            by_place = -1.0 / np.hypot(offset, s)
+            return by_place, offset * by_place
+
+        sums = []
+        for here, first, last in zip(slopes(U - c), slopes(-c), slopes(1.0 - c), strict=True):
+            sums.append(np.sum(G * (here - first - warped * (last - first)) / total, axis=0))
+        return np.concatenate(sums)
+
+    def inverse(self, V: FloatArray, phi: FloatArray) -> FloatArray:
+        """Points before the stretch, shape (m, d)."""
+        c, s = self._split(phi)
+        first, total = self._range(phi)
+        points: FloatArray = c + s * np.sinh(first + V * total)
+        return points
 
 
 @dataclass(frozen=True)

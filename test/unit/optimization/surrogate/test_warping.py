@@ -14,9 +14,9 @@ from mebo_grasp.optimization.surrogate.gaussian_process import (
     log_marginal_likelihood_and_gradient,
 )
 from mebo_grasp.optimization.surrogate.kernels import MATERN52, SQUARED_EXPONENTIAL
-from mebo_grasp.optimization.surrogate.warping import KumaraswamyWarp, MappedKernel, Turn
+from mebo_grasp.optimization.surrogate.warping import KumaraswamyWarp, MappedKernel, StretchWarp, Turn
 
-WARP, TURN = KumaraswamyWarp(), Turn()
+WARP, STRETCH, TURN = KumaraswamyWarp(), StretchWarp(), Turn()
 KERNELS = [
     ADDITIVE_MATERN52,
     ADDITIVE_SQUARED_EXPONENTIAL,
@@ -24,6 +24,7 @@ KERNELS = [
     MappedKernel(MATERN52, WARP),
     MappedKernel(SQUARED_EXPONENTIAL, TURN),
     MappedKernel(MappedKernel(ADDITIVE_MATERN52, WARP), TURN),
+    MappedKernel(MappedKernel(ADDITIVE_MATERN52, STRETCH), TURN),
 ]
 
 
@@ -63,7 +64,28 @@ def test_warp_rises_and_is_undone_by_its_inverse(phi):
     np.testing.assert_allclose(WARP.inverse(warped, phi)[sure], U[sure], atol=1e-5)
 
 
-@pytest.mark.parametrize("input_map", [WARP, TURN], ids=["warp", "turn"])
+def test_stretch_has_its_closed_form():
+    # c = 0.5, s = 0.1 at u = 0.8: (asinh 3 + asinh 5) / (2 asinh 5), with asinh x = log(x + sqrt(x² + 1)).
+    near, far = np.log(3.0 + np.sqrt(10.0)), np.log(5.0 + np.sqrt(26.0))
+    stretched = STRETCH.forward(np.array([[0.8]]), np.array([0.5, np.log(0.1)]))
+    assert stretched[0, 0] == pytest.approx(0.5 * (near + far) / far, abs=1e-12)
+
+
+def test_wide_stretch_changes_next_to_nothing():
+    U = np.random.default_rng(5).random((20, 2))
+    np.testing.assert_allclose(STRETCH.forward(U, STRETCH.identity(2)), U, atol=2e-3)
+
+
+@pytest.mark.parametrize("phi", [(0.5, -1.0), (0.8, -5.0), (-0.2, -3.0), (1.2, -5.8), (0.0, 2.3)])
+def test_stretch_rises_from_0_to_1_and_is_undone_by_its_inverse(phi):
+    U = np.linspace(0.0, 1.0, 101)[:, None]
+    stretched = STRETCH.forward(U, np.array(phi))
+    assert np.all(np.diff(stretched[:, 0]) > 0.0)
+    np.testing.assert_allclose(stretched[[0, -1], 0], [0.0, 1.0], atol=1e-12)
+    np.testing.assert_allclose(STRETCH.inverse(stretched, np.array(phi)), U, atol=1e-9)
+
+
+@pytest.mark.parametrize("input_map", [WARP, STRETCH, TURN], ids=["warp", "stretch", "turn"])
 def test_gradients_of_a_map_match_differences(input_map):
     rng = np.random.default_rng(1)
     U, G = 0.05 + 0.9 * rng.random((6, 2)), rng.standard_normal((6, 2))
