@@ -76,6 +76,11 @@ def _row(name: str, cells: Sequence[str]) -> str:
     return f"| {name} | " + " | ".join(cells) + " |"
 
 
+def _in_paper(arm: str) -> str:
+    """The paper's arm that one of ours stands beside, which learns its hyperparameters in another way."""
+    return arm.removesuffix("_map")
+
+
 def treed_table(records: Sequence[Record]) -> str:
     """Tables I and II: best value at the last iteration, in Markdown."""
     of = last(records, "best")
@@ -85,7 +90,8 @@ def treed_table(records: Sequence[Record]) -> str:
         found = [of(target, arm) for arm in arms]
         lines.append(_row(f"{target}, {max(map(len, found))} runs", [summary(v) if v else "-" for v in found]))
         paper = dict(zip(TREED_COLUMNS, BEST_VALUES[target], strict=True))
-        lines.append(_row("*paper*", [f"{paper[a][0]:.4f} ({paper[a][1]:.4f})" if a in paper else "" for a in arms]))
+        printed = [paper.get(_in_paper(arm)) for arm in arms]
+        lines.append(_row("*paper*", [f"{p[0]:.4f} ({p[1]:.4f})" if p else "" for p in printed]))
     return "\n".join(lines)
 
 
@@ -99,7 +105,8 @@ def noise_table(records: Sequence[Record]) -> str:
             label = f"{target}, {max(map(len, found))} runs | {measure}"
             lines.append(_row(label, [summary(v) if v else "-" for v in found]))
             paper = SAFE_OUTCOMES.get(target, {})
-            lines.append(_row("*paper* | ", [f"{paper[a][place]:.3f}" if a in paper else "" for a in arms]))
+            printed = [paper.get(_in_paper(arm)) for arm in arms]
+            lines.append(_row("*paper* | ", [f"{p[place]:.3f}" if p else "" for p in printed]))
     return "\n".join(lines)
 
 
