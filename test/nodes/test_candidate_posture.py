@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import pytest
 from geometry_msgs.msg import PoseStamped
 from mebo_grasp_interfaces.msg import ExplorationStatus, GraspQuality
@@ -23,6 +25,10 @@ from .scenes import OBJECT
 pytestmark = pytest.mark.nodes
 
 BUDGET = 9
+
+
+def has_stamp(stamp_ns: int, message: GraspQuality) -> bool:
+    return from_time_msg(message.header.stamp) == stamp_ns
 
 
 def test_postures_reach_the_hand_and_half_a_candidate_is_answered_as_failed(launch, probe: Probe) -> None:
@@ -61,6 +67,6 @@ def test_postures_reach_the_hand_and_half_a_candidate_is_answered_as_failed(laun
         posture_to_hand.publish(message)
     expected_text = {1: "no candidate_posture", 2: "no candidate_pose", 3: "tail_joint", 4: "position", 5: ""}
     for stamp, text in expected_text.items():
-        reply = qualities.wait_for(lambda message, stamp=stamp: from_time_msg(message.header.stamp) == stamp)
+        reply = qualities.wait_for(partial(has_stamp, stamp))
         assert reply.outcome == (GraspQuality.FAILED if text else GraspQuality.NO_CONTACT), stamp
         assert text in reply.message

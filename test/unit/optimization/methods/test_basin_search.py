@@ -148,11 +148,11 @@ def test_plateau_is_searched_around_diverse_points_in_turn_also_after_a_restart(
     method.propose(observed(net, two_islands), 2, np.random.default_rng(0))
     assert method.phase == "improvement"
     twin.restore(method.state())
-    proposed = []
-    for resumed in (twin, method):
-        proposed.append(resumed.propose(observed(net, two_islands), 1, np.random.default_rng(0)))
-        assert resumed.phase == "solution set"
-    np.testing.assert_array_equal(*proposed)
+    by_twin, by_method = (
+        resumed.propose(observed(net, two_islands), 1, np.random.default_rng(0)) for resumed in (twin, method)
+    )
+    assert twin.phase == method.phase == "solution set"
+    np.testing.assert_array_equal(by_twin, by_method)
 
 
 @pytest.mark.parametrize("wanted", [None, 2])
