@@ -88,7 +88,9 @@ def treed_table(records: Sequence[Record]) -> str:
     lines = [_row("best value", arms), "|---|" + "---|" * len(arms)]
     for target in dict.fromkeys(str(r["target"]) for r in records):
         found = [of(target, arm) for arm in arms]
-        lines.append(_row(f"{target}, {max(map(len, found))} runs", [summary(v) if v else "-" for v in found]))
+        lines.append(
+            _row(f"{target}, {max(map(len, found))} runs", [summary(v) if v else "-" for v in found])
+        )
         paper = dict(zip(TREED_COLUMNS, BEST_VALUES[target], strict=True))
         printed = [paper.get(_in_paper(arm)) for arm in arms]
         lines.append(_row("*paper*", [f"{p[0]:.4f} ({p[1]:.4f})" if p else "" for p in printed]))

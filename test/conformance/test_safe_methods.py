@@ -13,7 +13,14 @@ from mebo_grasp.optimization.search_space import SearchSpace
 SAFE_METHODS = [name for name in METHOD_NAMES if name not in WITHOUT_SURROGATE]
 RUNS = [(name, "ridge") for name in SAFE_METHODS] + [("basin_search", "island"), ("mebo", "island")]
 TREED_METHODS = (
-    "mebo", "cl_mebo", "bo", "bo_thompson", "ubo", "local_penalization", "robot", "constraint_active_search",
+    "mebo",
+    "cl_mebo",
+    "bo",
+    "bo_thompson",
+    "ubo",
+    "local_penalization",
+    "robot",
+    "constraint_active_search",
 )
 SPACE = SearchSpace(("x", "roll"), np.array([-3.0, 0.0]), np.array([1.0, 2.0]), ("m", "rad"))
 
@@ -78,7 +85,9 @@ def test_a_needle_is_not_recommended(name):
         for on in (True, False)
     )
     needle, offsets = np.array([0.75, 0.75]), 0.1 * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
-    grid = np.stack(np.meshgrid(np.linspace(0.05, 0.95, 7), np.linspace(0.05, 0.95, 7)), axis=-1).reshape(-1, 2)
+    grid = np.stack(np.meshgrid(np.linspace(0.05, 0.95, 7), np.linspace(0.05, 0.95, 7)), axis=-1).reshape(
+        -1, 2
+    )
     for optimizer in (safe, plain):
         for u in np.concatenate([grid, [needle], needle + offsets]):
             x = SPACE.from_unit(u)

@@ -75,7 +75,7 @@ def rkhs(X: FloatArray) -> FloatArray:
 def gramacy(X: FloatArray) -> FloatArray:
     """Gramacy's exponential function, negated, points (n, 2): one hill and one hollow, flat elsewhere."""
     u = 8.0 * X - 2.0
-    return np.asarray(-u[:, 0] * np.exp(-u[:, 0] ** 2 - u[:, 1] ** 2))
+    return np.asarray(-u[:, 0] * np.exp(-(u[:, 0] ** 2) - u[:, 1] ** 2))
 
 
 def gaussian_mixture(X: FloatArray) -> FloatArray:

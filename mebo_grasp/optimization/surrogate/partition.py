@@ -138,9 +138,7 @@ def _best_split(node: Node, U: FloatArray, y: FloatArray, min_leaf: int) -> tupl
     return best
 
 
-def path_parts(
-    path: tuple[Node, ...], power: float | None
-) -> list[tuple[IndexArray, float]]:
+def path_parts(path: tuple[Node, ...], power: float | None) -> list[tuple[IndexArray, float]]:
     """What a leaf's hyperparameters are learned from (paper, eq. 7 to 9).
 
     Args:

@@ -175,7 +175,9 @@ class TreedSurrogate:
         expected = self._draws[0][0].vector.size
         fits = [v.ndim == 2 and v.shape[1] == expected and bool(np.all(np.isfinite(v))) for v in leaves]
         if n_grown < 0 or not leaves or not all(fits):
-            raise RunLogError(f"the surrogate's state needs leaves with draws of {expected} finite parameters")
+            raise RunLogError(
+                f"the surrogate's state needs leaves with draws of {expected} finite parameters"
+            )
         self._n_grown = n_grown
         self._draws = [[Hyperparameters.from_vector(vector) for vector in draws] for draws in leaves]
         self._schedule.iterations = None if count is None else int(count)

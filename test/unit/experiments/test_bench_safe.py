@@ -64,7 +64,16 @@ def test_a_stopped_study_goes_on_and_prints_its_table(monkeypatch, tmp_path, cap
 def test_tables_show_the_paper_beside_the_runs(study):
     arm = "gp" if study == "paper-tgp" else "ubo"
     records = [
-        {"study": study, "target": "rkhs", "arm": arm, "seed": s, "best": [v], "mean": [v], "sd": [0.1], "worst": [1.0]}
+        {
+            "study": study,
+            "target": "rkhs",
+            "arm": arm,
+            "seed": s,
+            "best": [v],
+            "mean": [v],
+            "sd": [0.1],
+            "worst": [1.0],
+        }
         for s, v in enumerate((4.0, 5.0))
     ]
     table = bench_safe.treed_table(records) if study == "paper-tgp" else bench_safe.noise_table(records)

@@ -17,7 +17,9 @@ def monte_carlo(problem, at, samples=4000):
 def test_the_stated_optimum_is_the_highest_value(name):
     problem = get_noisy_input_problem(name).problem
     found = minimize(
-        lambda x: -problem.function(x[None])[0], problem.optima[0], method="Nelder-Mead",
+        lambda x: -problem.function(x[None])[0],
+        problem.optima[0],
+        method="Nelder-Mead",
         options={"xatol": 1e-9, "fatol": 1e-12},
     )
     assert found.x == pytest.approx(problem.optima[0], abs=1e-4)

@@ -68,10 +68,7 @@ def test_expected_improvement_is_the_weighted_sum_over_sigma_points():
     plain = OnPosterior(ExpectedImprovement(1.0), model)
     A = np.random.default_rng(0).random((4, 3))
     sigma = list(zip(transform.shifts, transform.weights, strict=True))
-    by_hand = [
-        sum(w * plain(np.clip(a + s, 0, 1)[None])[0] for s, w in sigma)
-        for a in A
-    ]
+    by_hand = [sum(w * plain(np.clip(a + s, 0, 1)[None])[0] for s, w in sigma) for a in A]
     assert Unscented(plain, transform)(A) == pytest.approx(by_hand)
     log_plain = OnPosterior(LogExpectedImprovement(1.0), model)
     assert np.exp(LogUnscented(log_plain, transform)(A)) == pytest.approx(by_hand)
@@ -128,13 +125,19 @@ def test_the_broad_summit_is_the_incumbent_where_the_narrow_one_is_higher():
 
 def test_no_queries_have_no_outcomes():
     transform = UnscentedTransform.of_covariance(FULL)
-    assert [len(part) for part in unscented_outcomes(posterior().predict_mean, np.empty((0, 3)), transform)] == [0] * 3
+    assert [
+        len(part) for part in unscented_outcomes(posterior().predict_mean, np.empty((0, 3)), transform)
+    ] == [0] * 3
 
 
 def test_noise_in_every_unit_becomes_a_covariance_in_the_cube():
-    space = SearchSpace(("x", "roll", "s"), np.array([0.0, -1.0, 0.0]), np.array([0.5, 1.0, 1.0]), ("m", "rad", "1"))
+    space = SearchSpace(
+        ("x", "roll", "s"), np.array([0.0, -1.0, 0.0]), np.array([0.5, 1.0, 1.0]), ("m", "rad", "1")
+    )
     assert InputNoise((0.03,)).in_cube(space) == pytest.approx(np.eye(3) * 9e-4)
-    assert InputNoise((0.01, 0.1, 0.2), "space").in_cube(space) == pytest.approx(np.diag([0.02, 0.05, 0.2]) ** 2)
+    assert InputNoise((0.01, 0.1, 0.2), "space").in_cube(space) == pytest.approx(
+        np.diag([0.02, 0.05, 0.2]) ** 2
+    )
     assert InputNoise.of_pose(0.01, 0.1).in_cube(space) == pytest.approx(np.diag([0.02, 0.05, 0.0]) ** 2)
     assert InputNoise.covariance(FULL).in_cube(space) == pytest.approx(FULL)
     scaled = FULL / np.outer([0.5, 2.0, 1.0], [0.5, 2.0, 1.0])
