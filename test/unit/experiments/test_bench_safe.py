@@ -84,11 +84,3 @@ def test_tables_show_the_paper_beside_the_runs(study):
 def test_printed_tables_have_every_target():
     assert set(BEST_VALUES) == set(noisy_targets.TARGET_NAMES)
     assert set(SAFE_OUTCOMES) <= set(noisy_targets.TARGET_NAMES)
-
-
-def test_grasps_are_moved_but_not_turned_where_input_noise_is_studied():
-    target = noisy_targets.get_target("glass")
-    assert target.space.units == ("m", "m", "m")
-    assert (target.n_initial, target.n_iterations, target.samples) == (40, 60, 20)
-    middle = 0.5 * (target.space.lower + target.space.upper)
-    assert target.evaluate(middle) == target.evaluate(middle) >= 0.0
