@@ -19,6 +19,7 @@ GROUND = (
 )  # fmt: skip
 OPTIMIZATION = "mebo_grasp.optimization"
 LEAVES = tuple(f"{OPTIMIZATION}.{name}" for name in ("search_space", "initial_design", "observations"))
+INPUT_NOISE = f"{OPTIMIZATION}.input_noise"
 
 # Libraries that only some rooms may touch, by the first part of the imported name.
 ROS_CLIENT = re.compile(r"rclpy|rcl_.*|rcutils|rpyutils|rmw_.*|ament_(?!index_python).*|launch|launch_.*|tf2_.*")
@@ -48,7 +49,8 @@ class Room:
 def _layers() -> tuple[Room, ...]:
     """Within optimization: each layer sees those before it, never back."""
     rooms = [Room(leaf, GROUND) for leaf in LEAVES]
-    below = (*GROUND, *LEAVES)
+    rooms.append(Room(INPUT_NOISE, (*GROUND, f"{OPTIMIZATION}.search_space")))
+    below = (*GROUND, *LEAVES, INPUT_NOISE)
     for layer in ("surrogate", "acquisition", "selection", "methods", "optimizer", "run_log"):
         name = f"{OPTIMIZATION}.{layer}"
         rooms.append(Room(name, below))
