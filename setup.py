@@ -13,6 +13,7 @@ setup(
     package_data={
         "mebo_grasp": [
             "py.typed", "grasping/hands/*", "experiments/problems/data/*", "solutions/*.html",
+            "experiments/*.html", "experiments/definitions/*.yaml",
         ],
         "msg_adapters": ["py.typed"],
     },
@@ -24,6 +25,10 @@ setup(
     ],
     python_requires=">=3.11",
     extras_require={
+        # `mebo-grasp experiment NAME --cluster ADDRESS`.
+        "cluster": ["distributed==2026.8.0"],
+        # The meshes of `mebo-grasp experiment rgb-objects`.
+        "objects": ["dm-robotics-manipulation==0.10.0"],
         # Optimizers of others, measured beside ours by `mebo-grasp experiment cec2013 --methods peers`.
         "peers": ["botorch==0.18.1", "cma==4.5.0", "optuna==5.0.0", "scikit-optimize==0.10.2"],
     },

@@ -32,6 +32,7 @@ from mebo_grasp.nodes.processes import NodeGroup, NodeProcess
 from mebo_grasp.optimization.methods.base import (
     KERNEL_NAMES,
     LEARNING_NAMES,
+    SURROGATE_NAMES,
     WARP_NAMES,
     MethodSettings,
 )
@@ -50,13 +51,11 @@ FAR = 1.0
 """Half side, metres, of the occluding boxes of the demonstration: wide enough for every hand around."""
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line."""
-    parser = commands.add_parser(
-        "explore",
-        help="explore an object with three nodes over ROS 2 and print its diverse grasps",
-        description="Explores an object with three ROS 2 nodes on this machine. An unfinished run in "
-        "the output folder is resumed. Ctrl-C stops cleanly and keeps what was found.",
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.description = (
+        "Explores an object with three ROS 2 nodes on this machine. An unfinished run in "
+        "the output folder is resumed. Ctrl-C stops cleanly and keeps what was found."
     )
     parser.add_argument("--object", default="bottle", help="built-in name or mesh file (default: bottle)")
     parser.add_argument("--scale", type=float, default=1.0, help="factor from the mesh's unit to metres")
@@ -66,6 +65,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help=f"one of {', '.join(METHOD_NAMES)} (default: {DEFAULT_METHOD})",
     )
     _add_surrogate_options(parser)
+    _add_noise_options(parser)
     parser.add_argument("--space", default="position", choices=sorted(SPACES), help="search space")
     parser.add_argument("--facet", default="+y", choices=FACETS, help="in space facet: what the hand faces (+y)")
     parser.add_argument(
@@ -78,7 +78,6 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser.add_argument("--min-distance", type=float, default=0.04, help="least distance of two [m]")
     parser.add_argument("--out", type=Path, help="folder of the run (default: out/<object>-<time>)")
     parser.add_argument("--restart", action="store_true", help="begin anew if the folder holds a run")
-    parser.set_defaults(run=run)
 
 
 def _add_surrogate_options(parser: argparse.ArgumentParser) -> None:
@@ -94,6 +93,24 @@ def _add_surrogate_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--learning", default=LEARNING_NAMES[0], choices=LEARNING_NAMES,
         help=f"how hyperparameters are learned (default: {LEARNING_NAMES[0]})",
+    )  # fmt: skip
+    parser.add_argument(
+        "--surrogate", default=SURROGATE_NAMES[0], choices=SURROGATE_NAMES,
+        help=f"one Gaussian process, or one a region (default: {SURROGATE_NAMES[0]})",
+    )  # fmt: skip
+
+
+def _add_noise_options(parser: argparse.ArgumentParser) -> None:
+    """How far the robot may miss the pose that it is told."""
+    parser.add_argument(
+        "--safe", action="store_true", help="prefer grasps that are good although the pose is missed a little"
+    )
+    parser.add_argument(
+        "--position-noise", type=float, default=0.0, help="standard deviation of the executed position [m]"
+    )
+    parser.add_argument(
+        "--rotation-noise", type=float, default=0.0,
+        help="the same of angles [rad] (default, with neither given: 3 %% of each side of the search box)",
     )  # fmt: skip
 
 
@@ -142,8 +159,15 @@ def _check(options: argparse.Namespace, hand: HandModel) -> None:
             )
     if options.method not in METHOD_NAMES:
         raise InvalidSettingsError(f"--method is '{options.method}', known are {', '.join(METHOD_NAMES)}")
-    chosen = MethodSettings(kernel=options.kernel, warp=options.warp, learning=options.learning)
+    chosen = MethodSettings(
+        kernel=options.kernel, warp=options.warp, learning=options.learning, surrogate=options.surrogate,
+        safe=options.safe,
+    )  # fmt: skip
     check_method(options.method, chosen)
+    for name in ("position_noise", "rotation_noise"):
+        if not 0.0 <= getattr(options, name) < float("inf"):
+            flag = name.replace("_", "-")
+            raise InvalidSettingsError(f"--{flag} must be finite and at least 0, got {getattr(options, name)}")
 
 
 def _make_directory(options: argparse.Namespace, object_id: str) -> Path:
@@ -190,6 +214,10 @@ def _start_nodes(nodes: NodeGroup, options: argparse.Namespace, directory: Path,
         "kernel": options.kernel,
         "warp": options.warp,
         "learning": options.learning,
+        "surrogate": options.surrogate,
+        "safe": options.safe,
+        "input_noise_position": options.position_noise,
+        "input_noise_rotation": options.rotation_noise,
         "seed": options.seed,
         "budget": options.budget,
         "initial_points": min(options.initial, options.budget),

@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from mebo_grasp.errors import InvalidSettingsError
-from mebo_grasp.experiments.problems import Problem
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.acquisition.base import Acquisition
 from mebo_grasp.optimization.acquisition.confidence_bound import UpperConfidenceBound
@@ -57,7 +56,7 @@ class StudyOptimizer:
 
     Args:
         name: one of ``STUDY_NAMES``.
-        problem: the box.
+        space: the box.
         settings: the run's settings.
         seed: the run's seed.
 
@@ -65,12 +64,11 @@ class StudyOptimizer:
         InvalidSettingsError: there is no such method.
     """
 
-    def __init__(self, name: str, problem: Problem, settings: MethodSettings, seed: int) -> None:
+    def __init__(self, name: str, space: SearchSpace, settings: MethodSettings, seed: int) -> None:
         if name not in _STUDIED:
             raise InvalidSettingsError(
                 f"studied method must be one of {', '.join(STUDY_NAMES)}, got {name!r}"
             )
-        space = SearchSpace(tuple(f"x{i}" for i in range(problem.dim)), problem.lower, problem.upper)
         self._optimizer = Optimizer(space, _STUDIED[name](space, settings), settings, seed)
 
     def ask(self, left: int) -> FloatArray:

@@ -7,9 +7,10 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TextIO
 
 from mebo_grasp.errors import InvalidSettingsError, MeboGraspError
+from mebo_grasp.experiments.cec2013_objective import Cec2013
+from mebo_grasp.experiments.job import BATCH_SIZE, BUDGET, N_INITIAL, SEEDS, Job, make_jobs
 from mebo_grasp.experiments.peers import PEER_NAMES, installed_peers
 from mebo_grasp.experiments.plots import plot_found_optima
 from mebo_grasp.experiments.problems import (
@@ -18,16 +19,8 @@ from mebo_grasp.experiments.problems import (
     get_problem,
     select_problems,
 )
-from mebo_grasp.experiments.protocol import (
-    BATCH_SIZE,
-    BUDGET,
-    N_INITIAL,
-    SEEDS,
-    Job,
-    known_methods,
-    make_jobs,
-    select_methods,
-)
+from mebo_grasp.experiments.progress import say
+from mebo_grasp.experiments.protocol import known_methods, select_methods
 from mebo_grasp.experiments.result_set import ResultSet
 from mebo_grasp.experiments.run_costs import SECONDS, slow_peers
 from mebo_grasp.experiments.runner import Outcome, run_jobs
@@ -97,13 +90,15 @@ def plan(args: argparse.Namespace) -> list[Job]:
     peers = installed_peers()
     methods = select_methods(args.methods, default_method(), peers, slow_peers(peers))
     problems = [problem.name for problem in select_problems(args.functions)]
-    protocol = {"n_initial": args.initial, "batch_size": args.batch, "transformed": args.transform}
+    protocol = {"n_initial": args.initial, "batch_size": args.batch}
     jobs: list[Job] = []
     for name in problems:
-        jobs += make_jobs(methods, [name], range(args.seeds), budget=_budget(args, name), **protocol)
+        objective = Cec2013(name, args.transform)
+        jobs += make_jobs(methods, [objective], range(args.seeds), budget=_budget(args, name), **protocol)
     if PENALIZATION in methods and set(THESIS_FUNCTIONS) <= set(problems) and not args.transform:
         # Table D.1 belongs to the thesis's set, with functions and a protocol of its own.
-        jobs += make_jobs([PENALIZATION], CLASSIC_FUNCTIONS, range(args.seeds), **_BATCH_STUDY)
+        classics = [Cec2013(name) for name in CLASSIC_FUNCTIONS]
+        jobs += make_jobs([PENALIZATION], classics, range(args.seeds), **_BATCH_STUDY)
     return sorted(jobs, key=lambda job: job.seed)
 
 
@@ -132,14 +127,14 @@ def run(args: argparse.Namespace) -> int:
         workers = args.workers if args.workers is not None else os.cpu_count() or 1
         outcome = run_jobs(jobs, args.out, workers)
     except MeboGraspError as error:
-        _say(f"error: {error}", sys.stderr)
+        say(f"error: {error}", sys.stderr)
         return 2
     _report(outcome, jobs, args.out)
     if outcome.interrupted:
-        _say(f"stopped; the same command continues in {args.out}", sys.stderr)
+        say(f"stopped; the same command continues in {args.out}", sys.stderr)
         return 130
     for key, message in outcome.failures:
-        _say(f"failed: {key}: {message}", sys.stderr)
+        say(f"failed: {key}: {message}", sys.stderr)
     return 1 if outcome.failures else 0
 
 
@@ -151,15 +146,10 @@ def say_left_out(asked: Sequence[str], chosen: set[str]) -> None:
     missing = [name for name in PEER_NAMES if name not in installed]
     slow = [name for name in slow_peers(installed) if name not in chosen]
     if missing:
-        _say(f"skipped, not installed (extra [peers]): {', '.join(missing)}", sys.stderr)
+        say(f"skipped, not installed (extra [peers]): {', '.join(missing)}", sys.stderr)
     if slow:
         costs = ", ".join(f"{name} (about {SECONDS[name]:.0f} s a run of {BUDGET})" for name in slow)
-        _say(f"left out of 'all' for their cost: {costs}; add 'peers' or their names to run them", sys.stderr)
-
-
-def _say(text: str, stream: TextIO) -> None:
-    stream.write(f"{text}\n")
-    stream.flush()
+        say(f"left out of 'all' for their cost: {costs}; add 'peers' or their names to run them", sys.stderr)
 
 
 def _report(outcome: Outcome, jobs: Sequence[Job], out: Path) -> None:
@@ -168,7 +158,7 @@ def _report(outcome: Outcome, jobs: Sequence[Job], out: Path) -> None:
         return
     tables = all_tables(outcome.results)
     for table in tables:
-        _say(table.text(), sys.stdout)
+        say(table.text(), sys.stdout)
     missing = len(jobs) - len(outcome.results)
     head = [
         "# CEC 2013 niching benchmark",
@@ -181,7 +171,7 @@ def _report(outcome: Outcome, jobs: Sequence[Job], out: Path) -> None:
     text = "\n".join([*head, *(table.markdown() for table in tables)])
     (out / "tables.md").write_text(text, encoding="utf-8")
     plot_found_optima(outcome.results, out / "found_optima.png")
-    _say(f"tables and plots: {out / 'tables.md'}, {out / 'found_optima.png'}", sys.stdout)
+    say(f"tables and plots: {out / 'tables.md'}, {out / 'found_optima.png'}", sys.stdout)
 
 
 __all__ = ["DEFAULT_METHODS", "add_arguments", "default_method", "known_methods", "plan", "run"]

@@ -8,7 +8,6 @@ are appended to a file as they come, and objects already in it are not tried aga
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import multiprocessing
 import sys
@@ -23,6 +22,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from mebo_grasp.errors import InvalidObjectError
+from mebo_grasp.experiments.installed_files import package_folder
 from mebo_grasp.grasp import GraspOutcome
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.pose_space import pose_space_6d
@@ -64,18 +64,6 @@ class SweepResult:
     best: float = 0.0
     build_seconds: float = 0.0
     trial_ms: float = 0.0
-
-
-def data_folder() -> Path:
-    """Return the folder of pybullet_data, found without importing it.
-
-    Raises:
-        InvalidObjectError: the package is not installed.
-    """
-    spec = importlib.util.find_spec("pybullet_data")
-    if spec is None or spec.origin is None:
-        raise InvalidObjectError("the package pybullet_data is not installed; it comes with pybullet")
-    return Path(spec.origin).parent
 
 
 def all_objects() -> dict[str, float]:
@@ -230,7 +218,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     objects = list(all_objects().items())
     chosen = np.unique(np.linspace(0, len(objects) - 1, min(options.count, len(objects))).round().astype(int))
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    worker = Worker(data_folder(), options.engine, options.poses, options.seed)
+    worker = Worker(package_folder("pybullet_data"), options.engine, options.poses, options.seed)
     try:
         results = list(sweep(worker, dict(objects[i] for i in chosen), options.out, HANG))
     finally:

@@ -6,10 +6,16 @@ import time
 from collections.abc import Sequence
 from typing import TextIO
 
-from mebo_grasp.experiments.protocol import Job
+from mebo_grasp.experiments.job import Job
 from mebo_grasp.experiments.run_costs import CostEstimate
 
 _REPORT_SECONDS = 15.0
+
+
+def say(text: str, stream: TextIO) -> None:
+    """Write a line at once."""
+    stream.write(f"{text}\n")
+    stream.flush()
 
 
 class Progress:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mebo_grasp.experiments.protocol import BUDGET, Job
+from mebo_grasp.experiments.job import BUDGET, Job
 
 SECONDS = {
     "basin_search": 7.0, "mebo": 0.7, "e_mebo": 0.7, "cl_mebo": 1.2, "mebo_code": 0.7,
@@ -35,21 +35,21 @@ class CostEstimate:
     """Learns from finished runs what the others will take."""
 
     def __init__(self) -> None:
-        self._cells: dict[tuple[str, str, int], list[float]] = {}
+        self._cells: dict[str, list[float]] = {}
         self._methods: dict[str, list[float]] = {}
 
     def finished(self, job: Job, seconds: float) -> None:
         """Note what a run took, seconds of whichever clock."""
-        self._cells.setdefault(_cell(job), []).append(seconds)
+        self._cells.setdefault(job.cell, []).append(seconds)
         self._methods.setdefault(job.method, []).append(seconds / expected_seconds(job))
 
     def seconds(self, job: Job) -> float:
         """What a job will take.
 
-        By runs of the same method on the same function, if there are any; else what is expected, times the factor
+        By runs of the same method on the same objective, if there are any; else what is expected, times the factor
         by which the method's other runs, or all runs, took longer than expected.
         """
-        cell = self._cells.get(_cell(job))
+        cell = self._cells.get(job.cell)
         if cell:
             return sum(cell) / len(cell)
         if not self._methods:
@@ -60,7 +60,3 @@ class CostEstimate:
     def total(self, jobs: Sequence[Job]) -> float:
         """Seconds of all jobs, one after the other."""
         return sum(self.seconds(job) for job in jobs)
-
-
-def _cell(job: Job) -> tuple[str, str, int]:
-    return job.method, job.problem_label, job.budget

@@ -7,29 +7,28 @@ logged values (their own state is not ours to save).
 
 from __future__ import annotations
 
+import json
+import math
 import platform
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mebo_grasp.errors import RunLogError
+from mebo_grasp.errors import InvalidSettingsError, RunLogError
 from mebo_grasp.experiments.acquisition_study import STUDY_NAMES, StudyOptimizer
-from mebo_grasp.experiments.metrics import (
-    STRICT_ACCURACIES,
-    competition_count,
-    strict_count,
-    text_count,
-    thesis_score,
-)
+from mebo_grasp.experiments.job import Job
+from mebo_grasp.experiments.locks import held
+from mebo_grasp.experiments.objective import Evaluator, Trace, WantedSet
 from mebo_grasp.experiments.peers import PEER_NAMES, Peer, make_peer, peer_packages
-from mebo_grasp.experiments.problems import Problem
-from mebo_grasp.experiments.protocol import Job, make_problem, settings_of
+from mebo_grasp.experiments.protocol import settings_of
 from mebo_grasp.grasp import FloatArray
-from mebo_grasp.optimization.optimizer import INITIAL_PHASE
+from mebo_grasp.optimization.methods.base import MethodSettings
+from mebo_grasp.optimization.optimizer import INITIAL_PHASE, Optimizer
 from mebo_grasp.optimization.run_log import LoggedOptimizer, RunLog
 from mebo_grasp.optimization.search_space import SearchSpace
 
@@ -67,13 +66,14 @@ def run_job(job: Job, out: Path, stop: StopCheck = lambda: False) -> dict[str, A
         RunLogError: the run's log cannot be read, written or continued.
         InvalidSettingsError: the job names something unknown.
     """
-    problem = make_problem(job)
     path = job.log_path(out)
     path.parent.mkdir(parents=True, exist_ok=True)
     begin = time.perf_counter()
     run = _run_peer if job.method in (*PEER_NAMES, *STUDY_NAMES) else _run_method
-    cpu_seconds, resumed, solutions = run(job, problem, path, stop)
-    result = score_log(job, path)
+    with _sole_writer(path), job.objective.open(job.seed) as evaluator:
+        cpu_seconds, resumed, solutions = run(job, evaluator, path, stop)
+        X, y, batches = read_trace(path)
+    trace = Trace(X, y, batches, solutions)
     return {
         "kind": "result",
         "format": RESULT_FORMAT,
@@ -84,9 +84,16 @@ def run_job(job: Job, out: Path, stop: StopCheck = lambda: False) -> dict[str, A
         "wall_seconds": time.perf_counter() - begin,
         "resumed": resumed,
         "solutions": solutions.tolist(),
-        "strict": {f"{a:g}": strict_count(problem, solutions, a) for a in STRICT_ACCURACIES},
-        **result,
+        "evaluations": len(y),
+        "best_value": float(np.nanmax(y)) if np.any(np.isfinite(y)) else None,
+        **job.objective.describe(trace, job.seed, job.budget),
     }
+
+
+def _sole_writer(path: Path) -> AbstractContextManager[None]:
+    """Hold a run's log: a worker that outlived its experiment may still be at the end of its last batch."""
+    message = f"{path} is in use by another process; say the same command again later"
+    return held(path.with_suffix(".lock"), message)
 
 
 def _is_empty_log(path: Path) -> bool:
@@ -94,19 +101,20 @@ def _is_empty_log(path: Path) -> bool:
     return path.exists() and b"\n" not in path.read_bytes()
 
 
-def _run_method(job: Job, problem: Problem, path: Path, stop: StopCheck) -> tuple[float, bool, FloatArray]:
+def _run_method(
+    job: Job, evaluator: Evaluator, path: Path, stop: StopCheck
+) -> tuple[float, bool, FloatArray]:
     if _is_empty_log(path):
         path.unlink()
     resumed = path.exists()
     cpu = 0.0
+    method, settings = settings_of(job)
     if resumed:
         optimizer = LoggedOptimizer.resume(path)
+        _check_same_run(optimizer.optimizer, settings, evaluator.space, path)
     else:
-        names = tuple(f"x{i}" for i in range(problem.dim))
-        method, settings = settings_of(job, problem)
-        space = SearchSpace(names, problem.lower, problem.upper)
         begin = time.process_time()
-        optimizer = LoggedOptimizer.create(path, space, method, settings, rng=job.seed)
+        optimizer = LoggedOptimizer.create(path, evaluator.space, method, settings, rng=job.seed)
         cpu += time.process_time() - begin
     try:
         while not optimizer.finished:
@@ -115,32 +123,58 @@ def _run_method(job: Job, problem: Problem, path: Path, stop: StopCheck) -> tupl
             begin = time.process_time()
             trials = list(optimizer.pending) or optimizer.ask()
             cpu += time.process_time() - begin
-            values = problem(np.array([trial.x for trial in trials]))
+            values = evaluator(np.array([trial.x for trial in trials]))
             begin = time.process_time()
             for trial, value in zip(trials, values, strict=True):
-                optimizer.tell(trial.id, float(value))
+                if math.isnan(value):
+                    optimizer.tell_failed(trial.id, "no value")
+                else:
+                    optimizer.tell(trial.id, float(value))
             cpu += time.process_time() - begin
-        solutions = np.array([item.x for item in optimizer.solution_set()]).reshape(-1, problem.dim)
+        solutions = np.array([item.x for item in optimizer.solution_set()]).reshape(-1, evaluator.space.dim)
     finally:
         optimizer.close()
     return cpu, resumed, solutions
 
 
-def _make_peer(job: Job, problem: Problem) -> Peer:
+def _check_same_run(optimizer: Optimizer, settings: MethodSettings, space: SearchSpace, path: Path) -> None:
+    """Refuse to continue what another objective or other settings began."""
+    same_space = all(
+        np.array_equal(getattr(optimizer.space, what), getattr(space, what))
+        for what in ("names", "lower", "upper", "distance_weights")
+    )
+    if not same_space or optimizer.settings != settings:
+        raise RunLogError(
+            f"{path} was begun with {'other settings' if same_space else 'another search space'}; choose another "
+            "--out, or delete it to run it again"
+        )
+
+
+def _make_peer(job: Job, evaluator: Evaluator) -> Peer:
+    space = evaluator.space
     if job.method in STUDY_NAMES:
-        return StudyOptimizer(job.method, problem, settings_of(job, problem)[1], job.seed)
-    return make_peer(job.method, problem.lower, problem.upper, job.n_initial, job.batch_size, job.seed)
+        return StudyOptimizer(job.method, space, settings_of(job)[1], job.seed)
+    return make_peer(job.method, space.lower, space.upper, job.n_initial, job.batch_size, job.seed)
 
 
-def _run_peer(job: Job, problem: Problem, path: Path, stop: StopCheck) -> tuple[float, bool, FloatArray]:
+def _run_peer(job: Job, evaluator: Evaluator, path: Path, stop: StopCheck) -> tuple[float, bool, FloatArray]:
     if _is_empty_log(path):
         path.unlink()
-    resumed = path.exists()
-    X, y, _ = read_trace(path, problem.dim) if resumed else (np.empty((0, problem.dim)), np.empty(0), [])
+    resumed, dim = path.exists(), evaluator.space.dim
+    X, y, _ = read_trace(path) if resumed else (np.empty((0, dim)), np.empty(0), [])
     begin = time.process_time()
-    peer = _make_peer(job, problem)
+    peer = _make_peer(job, evaluator)
     cpu = time.process_time() - begin
-    header = {"method": job.method, "seed": job.seed, "budget": job.budget, "versions": versions(job.method)}
+    header = {
+        "method": job.method,
+        "seed": job.seed,
+        "budget": job.budget,
+        "versions": versions(job.method),
+        "space": {
+            "names": list(evaluator.space.names),
+            "distance_weights": evaluator.space.distance_weights.tolist(),
+        },
+    }
     log = RunLog.append(path) if resumed else RunLog.create(path, header)
     try:
         n = 0
@@ -152,18 +186,18 @@ def _run_peer(job: Job, problem: Problem, path: Path, stop: StopCheck) -> tuple[
             cpu += time.process_time() - begin
             phase = INITIAL_PHASE if n < job.n_initial else "peer"
             known = slice(n, n + len(batch))
-            values = _answer_peer(problem, batch, (X[known], y[known]), n, phase, log)
+            values = _answer_peer(evaluator, batch, (X[known], y[known]), n, phase, log)
             begin = time.process_time()
             peer.tell(batch, values)
             cpu += time.process_time() - begin
             n += len(batch)
     finally:
         log.close()
-    return cpu, resumed, _peer_solutions(peer, problem, path)
+    return cpu, resumed, _peer_solutions(job.objective.wanted_set(job.seed), evaluator.space, path)
 
 
 def _answer_peer(
-    problem: Problem,
+    evaluator: Evaluator,
     batch: FloatArray,
     logged: tuple[FloatArray, FloatArray],
     first: int,
@@ -173,12 +207,17 @@ def _answer_peer(
     """Values of a peer's batch: the logged ones as far as the log goes, evaluated and logged beyond."""
     logged_X, logged_y = logged
     known = len(logged_y)
-    if not np.array_equal(batch[:known], logged_X):
+    if known and not np.array_equal(batch[:known], logged_X):
         raise RunLogError(
             f"{log.path} cannot be continued: the peer asked other points than before at evaluation {first}; "
             "delete the file to run it again"
         )
-    fresh = problem(batch[known:]) if known < len(batch) else np.empty(0)
+    fresh = evaluator(batch[known:]) if known < len(batch) else np.empty(0)
+    if np.any(np.isnan(fresh)):
+        raise InvalidSettingsError(
+            f"a trial between {first} and {first + len(batch) - 1} failed, and a peer cannot be told so; leave the "
+            "peers out on this objective"
+        )
     if known == 0:
         trials = [{"id": first + i, "x": x.tolist(), "phase": phase} for i, x in enumerate(batch)]
         log.write({"kind": "ask", "phase": phase, "trials": trials})
@@ -187,26 +226,24 @@ def _answer_peer(
     return np.concatenate([logged_y, fresh])
 
 
-def _peer_solutions(peer: Peer, problem: Problem, path: Path) -> FloatArray:
-    """Peers return no set of solutions; the best point of each niche stands for it."""
-    del peer
-    X, y, _ = read_trace(path, problem.dim)
-    order = np.argsort(-y, kind="stable")
+def _peer_solutions(wanted: WantedSet, space: SearchSpace, path: Path) -> FloatArray:
+    """Peers return no set of solutions; the best points that are far enough apart stand for it."""
+    X, y, _ = read_trace(path)
     kept: list[int] = []
-    for i in order:
-        if len(kept) == problem.n_optima:
+    for i in np.argsort(-y, kind="stable"):
+        if len(kept) == wanted.size:
             break
-        if not kept or np.min(np.linalg.norm(X[kept] - X[i], axis=1)) > problem.niche_radius:
+        apart = np.linalg.norm((X[kept] - X[i]) * space.distance_weights, axis=1)
+        if not kept or np.min(apart) > wanted.distance:
             kept.append(int(i))
     return X[kept]
 
 
-def read_trace(path: Path, dim: int) -> tuple[FloatArray, FloatArray, list[list[int]]]:
+def read_trace(path: Path) -> tuple[FloatArray, FloatArray, list[list[int]]]:
     """Evaluated points, values and batches of a log, in the order of asking.
 
     Args:
         path: a run log.
-        dim: dimensions of the problem.
 
     Returns:
         X of shape (n, d), y of shape (n,) with NaN for failed trials, and for each ask after the
@@ -228,31 +265,18 @@ def read_trace(path: Path, dim: int) -> tuple[FloatArray, FloatArray, list[list[
         elif record["kind"] == "tell_failed":
             values[record["id"]] = float("nan")
     ids = sorted(values)
-    X = np.array([points[i] for i in ids], dtype=np.float64).reshape(-1, dim)
+    dim = max((len(x) for x in points.values()), default=0)
+    X = np.array([points[i] for i in ids], dtype=np.float64).reshape(len(ids), dim)
     return X, np.array([values[i] for i in ids], dtype=np.float64), batches
 
 
-def score_log(job: Job, path: Path) -> dict[str, Any]:
-    """Score the trace of a finished run by every rule, as JSON values.
+def read_space(path: Path, dim: int) -> tuple[tuple[str, ...], FloatArray]:
+    """Names of the dimensions and their weights in distances, shape (dim,), from a run log's header.
 
-    Raises:
-        RunLogError: the file is no run log.
+    A log of an earlier version may lack them: then the names are empty, the weights 1.
     """
-    problem = make_problem(job)
-    X, y, batches = read_trace(path, problem.dim)
-    score = thesis_score(problem, X, y, job.budget)
-    variances = [np.var(X[batch], axis=0) for batch in batches if len(batch) > 1 and max(batch) < len(X)]
-    return {
-        "evaluations": len(y),
-        "n_optima": problem.n_optima,
-        "found": score.found,
-        "found_values": score.found_values.tolist(),
-        "first_all": score.first_all,
-        "last_change": score.last_change,
-        "curve": score.curve.tolist(),
-        "text_count": text_count(problem, X, y),
-        "basins": {f"{a:g}": strict_count(problem, X, a) for a in STRICT_ACCURACIES},
-        "competition": {f"{a:g}": competition_count(problem, X, y, a) for a in STRICT_ACCURACIES},
-        "batch_variance": np.mean(variances, axis=0).tolist() if variances else None,
-        "best_value": float(np.nanmax(y)) if np.any(np.isfinite(y)) else None,
-    }
+    with path.open(encoding="utf-8") as stream:
+        space = json.loads(stream.readline()).get("space", {})
+    return tuple(space.get("names", ())), np.array(
+        space.get("distance_weights", np.ones(dim)), dtype=np.float64
+    )

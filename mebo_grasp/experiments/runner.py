@@ -1,13 +1,15 @@
-"""Runs jobs in parallel processes, keeps every finished run, and continues after a stop or a kill.
+"""Runs jobs in parallel processes or on a cluster, keeps every finished run, and continues after a stop or a kill.
 
 Each job writes its own log as it goes (``run_job``). The parent alone appends finished runs to
 ``results.jsonl``, one line each, so a kill at any moment loses at most the line being written, which
 the next start writes again from the run's complete log.
+
+A run goes on as long as the folder's session is the one it was started in: the parent ends its session on
+Ctrl-C, and a new parent begins one of its own, so that what a dead parent left running on a cluster stops.
 """
 
 from __future__ import annotations
 
-import fcntl
 import json
 import multiprocessing
 import multiprocessing.connection
@@ -16,26 +18,26 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
 
-from mebo_grasp.errors import InvalidSettingsError, MeboGraspError, RunLogError
+from mebo_grasp.errors import InvalidSettingsError, MeboGraspError
+from mebo_grasp.experiments.job import Job
+from mebo_grasp.experiments.locks import held
 from mebo_grasp.experiments.progress import Progress
-from mebo_grasp.experiments.protocol import Job
-from mebo_grasp.experiments.run_job import RESULT_FORMAT, RunStopped, run_job
+from mebo_grasp.experiments.results import Result, check_same_jobs, load_results, open_results
+from mebo_grasp.experiments.run_job import RunStopped, run_job
 
-RESULTS_FILE = "results.jsonl"
-_LOCK_FILE = ".lock"
+_LOCK_FILE, _SESSION_FILE = ".lock", ".session"
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
-Result = dict[str, Any]
-
-_stop_event: Any = None
-# One per worker process, set by its initializer: a multiprocessing event can only be inherited, not sent.
+PoolFactory = Callable[[int], AbstractContextManager[tuple[Executor, int]]]
+"""Opens what runs jobs, given how many there are; yields it and how many it runs side by side."""
 
 
 @dataclass
@@ -53,41 +55,6 @@ class Outcome:
     interrupted: bool = False
 
 
-def load_results(out: Path) -> dict[str, Result]:
-    """Finished runs of an experiment's folder by the job's key.
-
-    A torn last line and results of another format are left out.
-
-    Raises:
-        RunLogError: a line before the last is not a result.
-    """
-    path = out / RESULTS_FILE
-    if not path.exists():
-        return {}
-    lines = path.read_bytes().split(b"\n")
-    results: dict[str, Result] = {}
-    for number, line in enumerate(lines[:-1], start=1):
-        try:
-            record = json.loads(line)
-            if record["format"] == RESULT_FORMAT:
-                results[str(record["key"])] = record
-        except (ValueError, KeyError, TypeError) as error:
-            raise RunLogError(f"line {number} of {path} is not a result: {error!r}") from error
-    return results
-
-
-def _open_results(out: Path) -> TextIO:
-    """Open for appending; what a kill left of a last line is cut off."""
-    path = out / RESULTS_FILE
-    if path.exists():
-        content = path.read_bytes()
-        whole = content.rfind(b"\n") + 1
-        if whole < len(content):
-            with path.open("r+b") as stream:
-                stream.truncate(whole)
-    return path.open("a", encoding="utf-8")
-
-
 def _die_with_parent() -> None:
     """End this process as soon as its parent is gone, so that a killed benchmark leaves no writer behind."""
     parent = multiprocessing.parent_process()
@@ -96,18 +63,16 @@ def _die_with_parent() -> None:
         os._exit(1)
 
 
-def _start_worker(event: Any) -> None:
-    global _stop_event
-    _stop_event = event
+def _start_worker() -> None:
     threading.Thread(target=_die_with_parent, daemon=True).start()
-    # Ctrl-C reaches the whole process group; the parent answers it and tells the workers by the event.
+    # Ctrl-C reaches the whole process group; the parent answers it and ends the session.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _work(job: Job, out: Path) -> Result:
+def _work(job: Job, out: Path, session: str) -> Result:
     """Run one job in a worker; an error becomes a result of its own kind, so that one bad run ends alone."""
     try:
-        return run_job(job, out, stop=_stop_event.is_set)
+        return run_job(job, out, stop=lambda: _read_session(out) != session)
     except RunStopped:
         return {"kind": "stopped", "key": job.key}
     except MeboGraspError as error:
@@ -116,17 +81,16 @@ def _work(job: Job, out: Path) -> Result:
         return {"kind": "error", "key": job.key, "message": traceback.format_exc()}
 
 
-@contextmanager
-def _sole_user(out: Path) -> Iterator[None]:
+def _read_session(out: Path) -> str:
+    try:
+        return (out / _SESSION_FILE).read_text()
+    except FileNotFoundError:
+        return ""
+
+
+def _sole_user(out: Path) -> AbstractContextManager[None]:
     """Hold the folder: two benchmarks that write the same logs would ruin both."""
-    with (out / _LOCK_FILE).open("w") as stream:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise RunLogError(
-                f"{out} is in use by another process; wait for it or choose another --out"
-            ) from error
-        yield
+    return held(out / _LOCK_FILE, f"{out} is in use by another process; wait for it or choose another --out")
 
 
 @contextmanager
@@ -144,9 +108,28 @@ def _one_thread_each() -> Iterator[None]:
                 os.environ[name] = value
 
 
+class _Session:
+    """The right of runs to go on; ended by Ctrl-C."""
+
+    def __init__(self, out: Path) -> None:
+        self._path, self.name = out / _SESSION_FILE, uuid.uuid4().hex
+        self._ended = threading.Event()
+        self._path.write_text(self.name)
+
+    @property
+    def ended(self) -> bool:
+        """Whether runs are to stop."""
+        return self._ended.is_set()
+
+    def end(self) -> None:
+        """Let every run stop after the batch it is at."""
+        self._ended.set()
+        self._path.unlink(missing_ok=True)
+
+
 @contextmanager
-def _interrupt_sets(event: Any) -> Iterator[None]:
-    """The first Ctrl-C sets the event instead of breaking off what is being written; the next one kills."""
+def _interrupt_ends(session: _Session) -> Iterator[None]:
+    """The first Ctrl-C ends the session instead of breaking off what is being written; the next one kills."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -154,7 +137,7 @@ def _interrupt_sets(event: Any) -> Iterator[None]:
 
     def answer(number: int, frame: Any) -> None:
         del number, frame
-        event.set()
+        session.end()
         signal.signal(signal.SIGINT, before)
 
     signal.signal(signal.SIGINT, answer)
@@ -164,7 +147,34 @@ def _interrupt_sets(event: Any) -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def run_jobs(jobs: Sequence[Job], out: Path, workers: int = 1, progress: TextIO | None = None) -> Outcome:
+def local_pool(workers: int) -> PoolFactory:
+    """Return what opens processes of this machine, each with one BLAS thread.
+
+    Args:
+        workers: processes side by side.
+
+    Raises:
+        InvalidSettingsError: workers is below 1.
+    """
+    if workers < 1:
+        raise InvalidSettingsError(f"workers must be at least 1, got {workers}")
+
+    @contextmanager
+    def open_pool(n_jobs: int) -> Iterator[tuple[Executor, int]]:
+        context = multiprocessing.get_context("spawn")
+        with _one_thread_each(), ProcessPoolExecutor(min(workers, n_jobs), context, _start_worker) as pool:
+            yield pool, workers
+
+    return open_pool
+
+
+def run_jobs(
+    jobs: Sequence[Job],
+    out: Path,
+    workers: int = 1,
+    progress: TextIO | None = None,
+    pool: PoolFactory | None = None,
+) -> Outcome:
     """Run all jobs that are not finished yet.
 
     Ctrl-C (SIGINT) ends every run after the batch it is at; all that was evaluated is kept and the next
@@ -172,28 +182,30 @@ def run_jobs(jobs: Sequence[Job], out: Path, workers: int = 1, progress: TextIO 
 
     Args:
         jobs: what to run, in this order.
-        out: the experiment's folder; made if absent.
-        workers: processes side by side, each with one BLAS thread.
+        out: the experiment's folder; made if absent. Workers of a cluster must see it under the same path.
+        workers: processes side by side.
         progress: where the progress line goes; standard error if None.
+        pool: opens what runs the jobs; processes of this machine if None.
 
     Raises:
         InvalidSettingsError: workers is below 1 or two jobs are the same.
-        RunLogError: the folder is in use by another process, or its results cannot be read.
+        RunLogError: the folder is in use by another process, holds results of other settings, or cannot be read.
     """
-    if workers < 1:
-        raise InvalidSettingsError(f"workers must be at least 1, got {workers}")
+    pool = pool or local_pool(workers)
     if len({job.key for job in jobs}) < len(jobs):
-        raise InvalidSettingsError("two jobs are the same run; give each method, function and seed once")
+        raise InvalidSettingsError("two jobs are the same run; give each method, objective and seed once")
+    out = out.resolve()
     out.mkdir(parents=True, exist_ok=True)
     outcome = Outcome()
     with _sole_user(out):
         known = load_results(out)
+        check_same_jobs(jobs, known, out)
         to_do = [job for job in jobs if job.key not in known]
         if to_do:
-            with _open_results(out) as stream:
-                bar = Progress(len(to_do), min(workers, len(to_do)), progress or sys.stderr)
+            with open_results(out) as stream, pool(len(to_do)) as (executor, side_by_side):
+                bar = Progress(len(to_do), min(side_by_side, len(to_do)), progress or sys.stderr)
                 bar.announce(to_do)
-                _run_all(to_do, out, workers, stream, bar, known, outcome)
+                _run_all(to_do, out, executor, stream, bar, known, outcome)
     outcome.results = [known[job.key] for job in jobs if job.key in known]
     return outcome
 
@@ -201,28 +213,34 @@ def run_jobs(jobs: Sequence[Job], out: Path, workers: int = 1, progress: TextIO 
 def _run_all(
     jobs: list[Job],
     out: Path,
-    workers: int,
+    executor: Executor,
     stream: TextIO,
     bar: Progress,
     known: dict[str, Result],
     outcome: Outcome,
 ) -> None:
-    context = multiprocessing.get_context("spawn")
-    event = context.Event()
-    with (
-        _interrupt_sets(event),
-        _one_thread_each(),
-        ProcessPoolExecutor(min(workers, len(jobs)), context, _start_worker, (event,)) as pool,
-    ):
-        futures = {pool.submit(_work, job, out): job for job in jobs}
-        waiting = set(futures)
-        while waiting:
-            waiting = _collect(waiting, futures, stream, bar, known, outcome)
-            if event.is_set() and not outcome.interrupted:
-                outcome.interrupted = True
-                waiting = {future for future in waiting if not future.cancel()}
-        bar.show([], force=True)
-        bar.close()
+    session = _Session(out)
+    try:
+        with _interrupt_ends(session):
+            futures = {executor.submit(_work, job, out, session.name): job for job in jobs}
+            waiting = set(futures)
+            while waiting:
+                waiting = _collect(waiting, futures, stream, bar, known, outcome)
+                if session.ended and not outcome.interrupted:
+                    outcome.interrupted = True
+                    waiting = {future for future in waiting if not future.cancel()}
+            bar.show([], force=True)
+            bar.close()
+    finally:
+        session.end()
+
+
+def _answer(job: Job, future: Future[Result]) -> Result:
+    """What came of a job, also if its worker died or could not load it."""
+    try:
+        return future.result()
+    except Exception as error:
+        return {"kind": "error", "key": job.key, "message": f"its worker failed: {error!r}"}
 
 
 def _collect(
@@ -236,7 +254,8 @@ def _collect(
     """Wait a moment, keep what has finished, return what has not."""
     done, rest = wait(waiting, timeout=1.0, return_when=FIRST_COMPLETED)
     for future in done:
-        job, result = futures[future], future.result()
+        job = futures[future]
+        result = _answer(job, future)
         if result["kind"] == "error":
             outcome.failures.append((job.key, result["message"]))
         elif result["kind"] == "result":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mebo_grasp.experiments import published
-from mebo_grasp.experiments.protocol import BATCH_SIZE, BUDGET, N_INITIAL
+from mebo_grasp.experiments.job import BATCH_SIZE, BUDGET, N_INITIAL
 from mebo_grasp.experiments.result_set import Result, ResultSet
 from mebo_grasp.experiments.table import Table, number
 

@@ -198,7 +198,7 @@ def render_grasps(target: TargetObject, hand: HandModel, grasps: Sequence[Grasp]
     for number, (grasp, color) in enumerate(zip(shown, colors, strict=True), start=1):
         title = caption(number, grasp)
         panels.append(draw_panel(title, target, hand, [grasp], [color], view_direction(hand, grasp)))
-    _compose(panels, path)
+    compose_panels(panels, path)
 
 
 def render_trial(target: TargetObject, hand: HandModel, grasp: Grasp, path: str | Path) -> None:
@@ -220,10 +220,11 @@ def render_trial(target: TargetObject, hand: HandModel, grasp: Grasp, path: str 
     panels = [
         draw_panel(title, target, hand, [grasp], [HAND_COLORS[0]], direction) for title, direction in views.items()
     ]
-    _compose(panels, path)
+    compose_panels(panels, path)
 
 
-def _compose(panels: Sequence[Panel], path: str | Path) -> None:
+def compose_panels(panels: Sequence[Panel], path: str | Path) -> None:
+    """Write panels side by side, in two rows if there are many, into a picture; its suffix says the format."""
     columns = len(panels) if len(panels) <= 5 else (len(panels) + 1) // 2
     rows = -(-len(panels) // columns)
     figure = Figure(figsize=(PANEL_INCHES * columns, (PANEL_INCHES + 0.25) * rows), layout="constrained")

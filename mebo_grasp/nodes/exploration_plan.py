@@ -16,6 +16,7 @@ from mebo_grasp.grasping.pose_space import PoseSpace, distance_weights, pose_spa
 from mebo_grasp.grasping.posture_space import PosturePoseSpace, pose_posture_space
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.nodes.settings import OptimizerNodeSettings
+from mebo_grasp.optimization.input_noise import InputNoise
 from mebo_grasp.optimization.optimizer import Optimizer, OptimizerSettings
 from mebo_grasp.optimization.run_log import LoggedOptimizer, RunLog
 from mebo_grasp.optimization.search_space import SearchSpace
@@ -48,6 +49,14 @@ class ExplorationPlan:
         return SearchSpace(space.names, space.lower, space.upper, space.units, weights)
 
     @property
+    def input_noise(self) -> InputNoise:
+        """How far an executed pose may be from the chosen one."""
+        metres, radians = self.settings.input_noise_position, self.settings.input_noise_rotation
+        if metres > 0.0 or radians > 0.0:
+            return InputNoise.of_pose(metres, radians)
+        return InputNoise((self.settings.input_noise,))
+
+    @property
     def optimizer_settings(self) -> OptimizerSettings:
         """The optimizer's own settings."""
         settings = self.settings
@@ -62,6 +71,11 @@ class ExplorationPlan:
             kernel=settings.kernel,
             warp=settings.warp,
             learning=settings.learning,
+            surrogate=settings.surrogate,
+            min_leaf=settings.min_leaf,
+            particles=settings.particles,
+            safe=settings.safe,
+            input_noise=self.input_noise,
             num_solutions=settings.num_solutions or None,
             min_distance=settings.min_distance or None,
         )

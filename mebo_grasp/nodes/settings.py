@@ -9,9 +9,11 @@ from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasping.trial import CONTACT_MODELS, QUALITY_NAMES
 from mebo_grasp.nodes.parameters import parameter
 from mebo_grasp.optimization.methods.base import (
+    DEFAULT_INPUT_SD,
     DEFAULT_METHOD,
     KERNEL_NAMES,
     LEARNING_NAMES,
+    SURROGATE_NAMES,
     WARP_NAMES,
 )
 from mebo_grasp.solutions.blocking import BlockingRule
@@ -90,6 +92,19 @@ class OptimizerNodeSettings:
     learning: str = parameter(
         LEARNING_NAMES[0], f"how the hyperparameters are learned: {', '.join(LEARNING_NAMES)}"
     )
+    surrogate: str = parameter(
+        SURROGATE_NAMES[0], f"surrogate of all methods but {DEFAULT_METHOD}: {', '.join(SURROGATE_NAMES)}"
+    )
+    min_leaf: int = parameter(20, "observations of a region of surrogate treed_gp, at least", least=2)
+    particles: int = parameter(10, "draws of the hyperparameters for learning mcmc", least=1, most=1000)
+    safe: bool = parameter(False, "choose trials and solutions by what is expected of them under input noise")
+    input_noise: float = parameter(
+        DEFAULT_INPUT_SD, "deviation of the executed from the chosen point, in sides of the search box", least=0.0
+    )
+    input_noise_position: float = parameter(
+        0.0, "the same as lengths [m]; if this or the rotation's is above 0, these two count", least=0.0
+    )
+    input_noise_rotation: float = parameter(0.0, "the same as angles [rad]", least=0.0)
     num_solutions: int = parameter(0, "number of solutions wanted, for methods that use it; 0: free", least=0)
     min_distance: float = parameter(
         0.0, "least distance of two solutions [m + weighted rad]; 0: free", least=0.0

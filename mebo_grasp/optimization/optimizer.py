@@ -12,7 +12,7 @@ import numpy.typing as npt
 from mebo_grasp.errors import InvalidSettingsError, TrialStateError
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.initial_design import latin_hypercube
-from mebo_grasp.optimization.methods.base import IndexArray, Method, MethodSettings
+from mebo_grasp.optimization.methods.base import IndexArray, Method, MethodSettings, Outcomes
 from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD, make_method
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.search_space import SearchSpace, read_only
@@ -40,15 +40,21 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Incumbent:
-    """The best value told so far.
+    """A point with its value, and in a safe run what is expected when it is carried out with input noise.
 
     Args:
         x: where, shape (d,), real units, read-only.
-        value: the value.
+        value: the value told.
+        expected: expected value under input noise; NaN unless the run is safe, as the next two.
+        sd: standard deviation over executions.
+        worst: worst value at the sigma points of the noise.
     """
 
     x: FloatArray
     value: float
+    expected: float = math.nan
+    sd: float = math.nan
+    worst: float = math.nan
 
 
 class Optimizer:
@@ -129,6 +135,23 @@ class Optimizer:
         best = int(np.argmax(self._observations.y))
         x = read_only(self.space.from_unit(self._observations.U[best]))
         return Incumbent(x, float(self._observations.y[best]))
+
+    @property
+    def safe_incumbent(self) -> Incumbent | None:
+        """The observed point with the highest expected value under input noise (UBO paper, eq. 15).
+
+        None before the first value, and unless the run is safe.
+        """
+        outcomes = self.method.outcomes(self._observations) if self._observations.n else None
+        return None if outcomes is None else self._solution(int(np.argmax(outcomes.expected)), outcomes)
+
+    def _solution(self, index: int, outcomes: Outcomes | None) -> Incumbent:
+        known = self._observations
+        x, value = read_only(self.space.from_unit(known.U[index])), float(known.y[index])
+        if outcomes is None:
+            return Incumbent(x, value)
+        parts = (outcomes.expected, outcomes.sd, outcomes.worst)
+        return Incumbent(x, value, *(float(part[index]) for part in parts))
 
     def ask(self, count: int | None = None) -> list[Trial]:
         """Open new trials.
@@ -237,7 +260,7 @@ class Optimizer:
         self._observations.add(self.space.to_unit(x), self._checked_value(value))
 
     def solution_set(self, size: int | None = None, min_distance: float | None = None) -> list[Incumbent]:
-        """Return good and diverse points among those observed, best first.
+        """Return good and diverse points among those observed, best first; in a safe run by expected value.
 
         Args:
             size: largest number; default that of the settings, else the method decides.
@@ -251,8 +274,8 @@ class Optimizer:
         if min_distance is not None and not 0.0 < min_distance < math.inf:
             raise InvalidSettingsError(f"min_distance must be finite and above 0, got {min_distance}")
         indices: IndexArray = self.method.solution_set(self._observations, size, min_distance)
-        known = self._observations
-        return [Incumbent(read_only(self.space.from_unit(known.U[i])), float(known.y[i])) for i in indices]
+        outcomes = self.method.outcomes(self._observations)
+        return [self._solution(int(i), outcomes) for i in indices]
 
     def _check_open(self, trial_id: int) -> None:
         if trial_id in self._open:

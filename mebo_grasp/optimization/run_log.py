@@ -319,7 +319,7 @@ def _from_header(header: dict[str, Any]) -> Optimizer:
         tuple(header["space"]["units"]), np.array(header["space"].get("distance_weights", ())),
     )
     return Optimizer(
-        space, header["method"], OptimizerSettings(**header["settings"]), _generator(header["rng"])
+        space, header["method"], OptimizerSettings.from_json(header["settings"]), _generator(header["rng"])
     )
 
 

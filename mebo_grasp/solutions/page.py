@@ -22,7 +22,7 @@ import numpy.typing as npt
 import trimesh
 
 from mebo_grasp.errors import InvalidFileError
-from mebo_grasp.grasp import FloatArray, Pose, StampedGrasp
+from mebo_grasp.grasp import FloatArray, Grasp, Pose, StampedGrasp
 from mebo_grasp.solutions.hand_volume import HandVolume
 from mebo_grasp.solutions.occlusion import Occlusion
 from mebo_grasp.solutions.shapes import Box, Cone, Cylinder, Shape, Sphere
@@ -116,7 +116,7 @@ def write_page(
     title = f"Grasps of {solutions.object_id}"
     # "<" would end the script that holds the data if a name contained "</script>".
     data = json.dumps(_content(solutions, target, hands, occlusions)).replace("<", "\\u003c")
-    page = _template().replace("@TITLE@", html.escape(title)).replace("@DATA@", data)
+    page = page_template().replace("@TITLE@", html.escape(title)).replace("@DATA@", data)
     path = Path(path)
     unfinished = path.with_name(path.name + ".part")
     try:
@@ -129,7 +129,8 @@ def write_page(
 
 
 @cache
-def _template() -> str:
+def page_template() -> str:
+    """Return the page with ``@TITLE@`` and ``@DATA@`` in place of its title and of the JSON that it shows."""
     return files("mebo_grasp.solutions").joinpath("page.html").read_text(encoding="utf-8")
 
 
@@ -145,8 +146,8 @@ def _content(
         ),
         "center": ((low + high) / 2.0).tolist(),
         "radius": float(np.linalg.norm(high - low)) / 2.0 + 0.1,
-        "object": _encode(target),
-        "occlusions": [_encode(shape_mesh(occlusion)) for occlusion in occlusions],
+        "object": encode_mesh(target),
+        "occlusions": [encode_mesh(shape_mesh(occlusion)) for occlusion in occlusions],
         "grasps": [
             _grasp(stamped, hand, COLORS[k % len(COLORS)])
             for k, (stamped, hand) in enumerate(zip(solutions.grasps, hands, strict=True))
@@ -155,32 +156,44 @@ def _content(
 
 
 def _grasp(stamped: StampedGrasp, hand: Mesh, color: tuple[float, float, float]) -> dict[str, Any]:
-    grasp, pose = stamped.grasp, stamped.grasp.T_object_tcp
-    lines = []
-    for contact in grasp.contacts:
-        lines += [(contact.position - NORMAL_LENGTH * contact.normal).tolist(), contact.position.tolist()]
+    grasp = stamped.grasp
     return {
         "quality": grasp.quality,
-        "numbers": [
-            f"{grasp.quality:.4f}",
-            f"{grasp.epsilon:.4f}",
-            f"{grasp.volume:.2e}",
-            f"{grasp.isotropy:.3f}",
-            str(len(grasp.contacts)),
-            ", ".join(f"{1000 * value:.1f}" for value in pose.position),
-            ", ".join(f"{value:.1f}" for value in np.degrees(pose.rpy)),
-        ],
+        "numbers": grasp_numbers(grasp),
         "title": (
             f"stamp {stamped.stamp_ns} ns, {'' if grasp.force_closure else 'no '}force closure, "
-            f"xyzw {np.round(pose.quaternion_xyzw, 4).tolist()}"
+            f"xyzw {np.round(grasp.T_object_tcp.quaternion_xyzw, 4).tolist()}"
         ),
         "color": color,
-        "hand": _encode(hand),
-        "lines": lines,
+        "hand": encode_mesh(hand),
+        "lines": contact_lines(grasp),
     }
 
 
-def _encode(mesh: Mesh) -> dict[str, str]:
+def grasp_numbers(grasp: Grasp) -> list[str]:
+    """Return a grasp's row of the page's table."""
+    pose = grasp.T_object_tcp
+    return [
+        f"{grasp.quality:.4f}",
+        f"{grasp.epsilon:.4f}",
+        f"{grasp.volume:.2e}",
+        f"{grasp.isotropy:.3f}",
+        str(len(grasp.contacts)),
+        ", ".join(f"{1000 * value:.1f}" for value in pose.position),
+        ", ".join(f"{value:.1f}" for value in np.degrees(pose.rpy)),
+    ]
+
+
+def contact_lines(grasp: Grasp) -> list[list[float]]:
+    """Return start and end of a line along the normal of each contact, in turn."""
+    lines = []
+    for contact in grasp.contacts:
+        lines += [(contact.position - NORMAL_LENGTH * contact.normal).tolist(), contact.position.tolist()]
+    return lines
+
+
+def encode_mesh(mesh: Mesh) -> dict[str, str]:
+    """Return vertices (float32) and faces (uint32) as the page reads them, base64."""
     return {
         "vertices": base64.b64encode(mesh.vertices.astype("<f4").tobytes()).decode("ascii"),
         "faces": base64.b64encode(mesh.faces.astype("<u4").tobytes()).decode("ascii"),

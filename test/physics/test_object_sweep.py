@@ -11,13 +11,13 @@ import pytest
 import trimesh
 
 from mebo_grasp.experiments import object_sweep
+from mebo_grasp.experiments.installed_files import package_folder
 from mebo_grasp.experiments.object_sweep import (
     EXTRAS,
     RANDOM_SHAPES,
     SweepResult,
     Worker,
     all_objects,
-    data_folder,
     main,
     summary,
     sweep,
@@ -30,13 +30,13 @@ SAMPLE = ("random_urdfs/000/000.obj", "random_urdfs/377/377.obj", "random_urdfs/
 def test_the_sweep_knows_every_shape_of_the_package() -> None:
     objects = all_objects()
     assert len(objects) == RANDOM_SHAPES + 3
-    assert all((data_folder() / name).is_file() for name in objects)
+    assert all((package_folder("pybullet_data") / name).is_file() for name in objects)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SAMPLE)
 def test_a_sample_gives_grasps(name: str) -> None:
-    result = try_object(data_folder() / name, name, all_objects()[name], "bullet", 32, 1)
+    result = try_object(package_folder("pybullet_data") / name, name, all_objects()[name], "bullet", 32, 1)
     assert result.verdict == "grasps", result
     assert result.grasped + result.collided <= result.tried
     assert (result.best > 0.0) == (result.closed > 0)
@@ -44,7 +44,7 @@ def test_a_sample_gives_grasps(name: str) -> None:
 
 def test_the_empty_shape_is_refused_with_a_reason() -> None:
     name = "random_urdfs/168/168.obj"
-    result = try_object(data_folder() / name, name, all_objects()[name], "fast", 8, 1)
+    result = try_object(package_folder("pybullet_data") / name, name, all_objects()[name], "fast", 8, 1)
     assert result.verdict == "refused"
     assert "168" in result.reason
 

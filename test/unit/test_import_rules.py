@@ -19,6 +19,7 @@ GROUND = (
 )  # fmt: skip
 OPTIMIZATION = "mebo_grasp.optimization"
 LEAVES = tuple(f"{OPTIMIZATION}.{name}" for name in ("search_space", "initial_design", "observations"))
+INPUT_NOISE = f"{OPTIMIZATION}.input_noise"
 
 # Libraries that only some rooms may touch, by the first part of the imported name.
 ROS_CLIENT = re.compile(r"rclpy|rcl_.*|rcutils|rpyutils|rmw_.*|ament_(?!index_python).*|launch|launch_.*|tf2_.*")
@@ -48,7 +49,8 @@ class Room:
 def _layers() -> tuple[Room, ...]:
     """Within optimization: each layer sees those before it, never back."""
     rooms = [Room(leaf, GROUND) for leaf in LEAVES]
-    below = (*GROUND, *LEAVES)
+    rooms.append(Room(INPUT_NOISE, (*GROUND, f"{OPTIMIZATION}.search_space")))
+    below = (*GROUND, *LEAVES, INPUT_NOISE)
     for layer in ("surrogate", "acquisition", "selection", "methods", "optimizer", "run_log"):
         name = f"{OPTIMIZATION}.{layer}"
         rooms.append(Room(name, below))
@@ -57,7 +59,8 @@ def _layers() -> tuple[Room, ...]:
 
 
 THREE_ROOMS = (OPTIMIZATION, "mebo_grasp.grasping", "mebo_grasp.solutions")
-BELOW_NODES = (*GROUND, *THREE_ROOMS, "mebo_grasp.hand_volumes", "mebo_grasp.experiments", "msg_adapters")
+BETWEEN_ROOMS = ("mebo_grasp.hand_volumes", "mebo_grasp.grasp_page")
+BELOW_NODES = (*GROUND, *THREE_ROOMS, *BETWEEN_ROOMS, "mebo_grasp.experiments", "msg_adapters")
 # Value types of the solutions room that have a message.
 SOLUTION_VALUES = (
     "mebo_grasp.solutions.frames", "mebo_grasp.solutions.occlusion", "mebo_grasp.solutions.solution_set",
@@ -76,7 +79,9 @@ ROOMS = (
     Room("msg_adapters", (*GROUND, *SOLUTION_VALUES), (MESSAGES, AMENT_INDEX)),
     # What the simulator knows of a hand, in the terms of the solution set.
     Room("mebo_grasp.hand_volumes", (*GROUND, "mebo_grasp.grasping", "mebo_grasp.solutions")),
-    Room("mebo_grasp.experiments", (*GROUND, *THREE_ROOMS, "mebo_grasp.hand_volumes")),
+    # Its looks, for the pages that show a set.
+    Room("mebo_grasp.grasp_page", (*GROUND, "mebo_grasp.grasping", "mebo_grasp.solutions")),
+    Room("mebo_grasp.experiments", (*GROUND, *THREE_ROOMS, *BETWEEN_ROOMS)),
     Room("mebo_grasp.nodes", BELOW_NODES, (ROS_CLIENT, MESSAGES, AMENT_INDEX)),
     Room("mebo_grasp.cli", ("mebo_grasp.__version__", "mebo_grasp.nodes", *BELOW_NODES)),
 )

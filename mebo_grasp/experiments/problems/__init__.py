@@ -12,6 +12,11 @@ from mebo_grasp.experiments.problems.classic import (
     CLASSIC_FUNCTIONS,
     get_classic,
 )
+from mebo_grasp.experiments.problems.input_noise import (
+    NOISY_INPUT_FUNCTIONS,
+    NoisyInputProblem,
+    get_noisy_input_problem,
+)
 from mebo_grasp.experiments.problems.problem import Problem
 from mebo_grasp.experiments.problems.transformed import transform
 
@@ -20,9 +25,12 @@ __all__ = [
     "AS_WRITTEN",
     "BATCH_VARIANCE_FUNCTIONS",
     "CLASSIC_FUNCTIONS",
+    "NOISY_INPUT_FUNCTIONS",
     "THESIS_FUNCTIONS",
+    "NoisyInputProblem",
     "Problem",
     "get_classic",
+    "get_noisy_input_problem",
     "get_problem",
     "select_problems",
     "transform",

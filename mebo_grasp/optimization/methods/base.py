@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import isfinite
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from mebo_grasp.errors import InvalidSettingsError, RunLogError
 from mebo_grasp.grasp import FloatArray
+from mebo_grasp.optimization.input_noise import InputNoise
 from mebo_grasp.optimization.observations import Observations
 
 IndexArray = npt.NDArray[np.int64]
@@ -25,6 +26,10 @@ KERNEL_NAMES = (
 )  # fmt: skip
 WARP_NAMES = ("none", KUMARASWAMY)
 LEARNING_NAMES = ("empirical_bayes", MCMC)
+GP, TREED_GP = "gp", "treed_gp"
+SURROGATE_NAMES = (GP, TREED_GP)
+DEFAULT_INPUT_SD = 0.03
+"""Standard deviation of the inputs where none is given, sides of the cube (UBO paper, section V-B: grasps)."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,16 @@ class MethodSettings:
             which always goes by evidence; so ``warp`` and ``learning``.
         warp: learned monotone map of each input before the kernel, of ``WARP_NAMES``.
         learning: how the hyperparameters are learned, of ``LEARNING_NAMES``.
+        safe: choose trials and solutions by what they are expected to yield under ``input_noise`` (``ubo`` always
+            does). For every method with a surrogate.
+        input_noise: how far a trial may miss its point.
+        surrogate: ``gp``, or ``treed_gp`` for one Gaussian process a region, of ``SURROGATE_NAMES``.
+        min_leaf: observations that a region of the treed surrogate has at least (paper: 8 to 20).
+        tree_weight_power: k in the weights (2 / (1 + depth difference))^k of the likelihoods along a region's path to
+            the root; None for infinity, its own observations alone.
+        particles: draws m of the hyperparameters, for ``learning: mcmc``.
+        improvement_margin: what ``bo`` and ``ubo`` want to improve on the best value by, standard deviations of the
+            values (UBO paper's code: 0.01); 0 refines one summit for long before it looks for another.
 
     Raises:
         InvalidSettingsError: a number is out of its range, a name unknown, or two choices contradict.
@@ -73,6 +88,13 @@ class MethodSettings:
     kernel: str = "matern52"
     warp: str = "none"
     learning: str = "empirical_bayes"
+    safe: bool = False
+    input_noise: InputNoise = field(default_factory=lambda: InputNoise((DEFAULT_INPUT_SD,)))
+    surrogate: str = GP
+    min_leaf: int = 20
+    tree_weight_power: float | None = None
+    particles: int = 10
+    improvement_margin: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("batch_size", "budget", "burn_in", "chains", "relearn_period"):
@@ -91,6 +113,7 @@ class MethodSettings:
             raise InvalidSettingsError(f"num_solutions must be at least 1 or unset, got {self.num_solutions}")
         self._check_solutions()
         self._check_surrogate()
+        self._check_tree()
 
     def _check_surrogate(self) -> None:
         choices = (("kernel", KERNEL_NAMES), ("warp", WARP_NAMES), ("learning", LEARNING_NAMES))
@@ -105,6 +128,28 @@ class MethodSettings:
                 f"{self.warp!r} and learning {self.learning!r}: leave these at their defaults or name a kernel"
             )
 
+    def _check_tree(self) -> None:
+        if self.surrogate not in SURROGATE_NAMES:
+            raise InvalidSettingsError(
+                f"surrogate must be one of {', '.join(SURROGATE_NAMES)}, got {self.surrogate!r}"
+            )
+        if self.surrogate == TREED_GP and self.kernel == EVIDENCE:
+            raise InvalidSettingsError(
+                f"surrogate {TREED_GP} needs a kernel of its own, got {EVIDENCE}: name another kernel"
+            )
+        if self.min_leaf < 2 or self.particles < 1:
+            raise InvalidSettingsError(
+                f"need min_leaf >= 2 and particles >= 1, got {self.min_leaf} and {self.particles}"
+            )
+        if not 0.0 <= self.improvement_margin < float("inf"):
+            raise InvalidSettingsError(
+                f"improvement_margin must be finite and at least 0, got {self.improvement_margin}"
+            )
+        if self.tree_weight_power is not None and not 0.0 <= self.tree_weight_power < float("inf"):
+            raise InvalidSettingsError(
+                f"tree_weight_power must be at least 0, or unset for infinity, got {self.tree_weight_power}"
+            )
+
     def _check_solutions(self) -> None:
         if self.threshold is not None and not isfinite(self.threshold):
             raise InvalidSettingsError(f"threshold must be finite or unset, got {self.threshold}")
@@ -112,6 +157,33 @@ class MethodSettings:
             raise InvalidSettingsError(
                 f"min_distance must be finite and above 0 or unset, got {self.min_distance}"
             )
+
+
+    @classmethod
+    def from_json(cls, values: dict[str, Any]) -> Self:
+        """Read back what ``dataclasses.asdict`` and JSON made of them; absent ones have their defaults.
+
+        Raises:
+            InvalidSettingsError: a value is out of its range.
+            TypeError: a name is unknown.
+        """
+        noise = values.get("input_noise")
+        return cls(**values) if noise is None else cls(**{**values, "input_noise": InputNoise.from_json(noise)})
+
+
+@dataclass(frozen=True, eq=False)
+class Outcomes:
+    """What is expected of points when they are carried out with input noise.
+
+    Args:
+        expected: expected value, shape (n,), units of y.
+        sd: its standard deviation over executions, shape (n,).
+        worst: worst value at the sigma points, shape (n,).
+    """
+
+    expected: FloatArray
+    sd: FloatArray
+    worst: FloatArray
 
 
 class Method(Protocol):
@@ -141,6 +213,9 @@ class Method(Protocol):
             size: largest number of points; default ``num_solutions`` of the settings, else the method's own.
             min_distance: smallest distance between two of them, see ``MethodSettings``; default that of the settings.
         """
+
+    def outcomes(self, observations: Observations) -> Outcomes | None:
+        """What is expected of the points of ``observations.U`` under input noise; None unless the run is safe."""
 
     def state(self) -> dict[str, Any]:
         """What ``restore`` needs, as JSON values."""

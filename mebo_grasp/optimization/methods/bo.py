@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from mebo_grasp.optimization.acquisition.improvement import (
 )
 from mebo_grasp.optimization.acquisition.maximizer import maximize
 from mebo_grasp.optimization.acquisition.thompson import thompson
+from mebo_grasp.optimization.acquisition.unscented import LogUnscented, Unscented
 from mebo_grasp.optimization.methods.base import MethodSettings
 from mebo_grasp.optimization.methods.common import MethodBase, check_count, without_repeats
 from mebo_grasp.optimization.methods.surrogate_choice import make_surrogate
@@ -44,6 +46,10 @@ class SurrogateMethod(MethodBase):
         posterior = self.surrogate.update(observations, rng)
         points = self.select(posterior, observations, count, rng)
         return without_repeats(points, observations, rng)
+
+    def predictor(self, observations: Observations) -> Callable[[FloatArray], FloatArray]:
+        """The surrogate's mean."""
+        return self.surrogate.posterior(observations).predict_mean
 
     def select(
         self, posterior: Posterior, observations: Observations, count: int, rng: np.random.Generator
@@ -96,12 +102,20 @@ class GreedyOptimization(SurrogateMethod):
         lower, upper = np.zeros(posterior.dim), np.ones(posterior.dim)
         points = np.empty((0, posterior.dim))
         for _ in range(count):
-            worth = self.worth(posterior, incumbent, rng)
+            worth = self.safe_worth(self.worth(posterior, incumbent, rng))
             point, _ = maximize(worth, lower, upper, rng, candidates=around_incumbent(observations, rng))
             points = np.concatenate([points, point[None]])
             if len(points) < count:
                 posterior = posterior.condition_on(point[None], posterior.predict_mean(point[None]))
         return points
+
+    def safe_worth(self, worth: PointFunction) -> PointFunction:
+        """The expected worth under input noise if that counts (UBO paper, eq. 13), else the worth itself."""
+        if self.transform is None:
+            return worth
+        if self.acquisition in ("ei", "pi"):
+            return LogUnscented(worth, self.transform)
+        return Unscented(worth, self.transform)
 
     def worth(self, posterior: Posterior, incumbent: float, rng: np.random.Generator) -> PointFunction:
         """The function to be maximized."""
@@ -111,13 +125,21 @@ class GreedyOptimization(SurrogateMethod):
             return OnPosterior(LogProbabilityOfImprovement(incumbent + 0.01 * posterior.scale), posterior)
         if self.acquisition == "ucb":
             return OnPosterior(UpperConfidenceBound(self.settings.ucb_beta), posterior)
-        return OnPosterior(LogExpectedImprovement(incumbent), posterior)
+        margin = self.settings.improvement_margin * posterior.scale
+        return OnPosterior(LogExpectedImprovement(incumbent + margin), posterior)
 
 
 class BoEi(GreedyOptimization):
     """Greedy expected improvement."""
 
     name = "bo"
+
+
+class Ubo(GreedyOptimization):
+    """Unscented Bayesian optimization: expected improvement, and solutions, as expected under input noise."""
+
+    name = "ubo"
+    safe = True
 
 
 class BoPi(GreedyOptimization):

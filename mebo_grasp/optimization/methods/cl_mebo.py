@@ -101,7 +101,9 @@ class ClMebo(EMebo):
             float(observations.y[clusters[own].members].max()), np.stack([c.centroid for c in clusters]), own
         )
         n_candidates = 1 if n == 1 else n * CANDIDATES_PER_POINT
-        candidates = draw(posterior, [acquisition], rng, self.boltzmann, n_candidates, box)[0]
+        candidates = draw(
+            posterior, [acquisition], rng, self.boltzmann, n_candidates, box, self.transform
+        )[0]
         chosen: FloatArray = candidates[most_distant_subset(candidates, n)]
         return chosen
 
@@ -119,7 +121,8 @@ class ClMebo(EMebo):
         scale, distance = self._diversity(min_distance)
         # A fixed seed: the answer depends on the observations alone, however often it is asked for.
         rng = np.random.default_rng(0)
-        clusters = find_clusters(observations.U, observations.y, wanted, scale, distance, rng, False, 0)
+        ranking = self.ranking(observations)
+        clusters = find_clusters(observations.U, ranking, wanted, scale, distance, rng, False, 0)
         return best_combination(
-            observations.U * scale, observations.y, [cluster.members for cluster in clusters], distance
+            observations.U * scale, ranking, [cluster.members for cluster in clusters], distance
         )

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import FloatArray
-from mebo_grasp.optimization.methods.base import IndexArray, MethodSettings
+from mebo_grasp.optimization.acquisition.unscented import UnscentedTransform, unscented_outcomes
+from mebo_grasp.optimization.methods.base import IndexArray, MethodSettings, Outcomes
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.search_space import SearchSpace
 from mebo_grasp.optimization.selection.solution_set import DEFAULT_SHARE, greedy_diverse_set
@@ -23,14 +25,39 @@ class MethodBase:
     Args:
         space: the search space.
         settings: settings of the run.
+
+    Raises:
+        InvalidSettingsError: the run is to be safe and the noise does not fit the space.
     """
 
     name = "base"
+
+    safe = False
+    """Whether input noise counts whatever the settings say."""
 
     def __init__(self, space: SearchSpace, settings: MethodSettings) -> None:
         self.space = space
         self.settings = settings
         self._phase = self.name
+        self.transform: UnscentedTransform | None = None
+        if settings.safe or self.safe:
+            self.transform = UnscentedTransform.of_noise(settings.input_noise, space)
+
+    def predictor(self, observations: Observations) -> Callable[[FloatArray], FloatArray]:
+        """The surrogate's mean given all values, points (m, d) to means (m,), without learning anything."""
+        raise NotImplementedError(f"{self.name} has no surrogate")
+
+    def outcomes(self, observations: Observations) -> Outcomes | None:
+        """What is expected of the observed points under input noise (UBO paper, eq. 14); None if not asked for."""
+        if self.transform is None:
+            return None
+        predict_mean = self.predictor(observations)
+        return Outcomes(*unscented_outcomes(predict_mean, observations.U, self.transform))
+
+    def ranking(self, observations: Observations) -> FloatArray:
+        """By what solutions are ranked, shape (n,): expected value under input noise if that counts, else value."""
+        outcomes = self.outcomes(observations)
+        return observations.y if outcomes is None else outcomes.expected
 
     @property
     def phase(self) -> str:
@@ -43,12 +70,13 @@ class MethodBase:
         """Best points down that keep the distance; see ``greedy_diverse_set``."""
         size = size if size is not None else self.settings.num_solutions
         distance = min_distance if min_distance is not None else self.settings.min_distance
+        ranking = self.ranking(observations)
         if distance is None:
             return greedy_diverse_set(
-                observations.U, observations.y, size, DEFAULT_SHARE * np.sqrt(self.space.dim)
+                observations.U, ranking, size, DEFAULT_SHARE * np.sqrt(self.space.dim)
             )
         points = self.space.from_unit(observations.U) * self.space.distance_weights
-        return greedy_diverse_set(points, observations.y, size, distance)
+        return greedy_diverse_set(points, ranking, size, distance)
 
     def state(self) -> dict[str, Any]:
         """Nothing but the phase."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -56,13 +56,17 @@ class Mebo(MethodBase):
         self._proposed += count
         return without_repeats(points, observations, rng)
 
+    def predictor(self, observations: Observations) -> Callable[[FloatArray], FloatArray]:
+        """The surrogate's mean."""
+        return self.surrogate.posterior(observations).predict_mean
+
     def select(
         self, posterior: Posterior, observations: Observations, count: int, rng: np.random.Generator
     ) -> FloatArray:
         """Choose the batch on a fitted posterior, shape (count, d)."""
         self._phase = "boltzmann"
         acquisitions = self.acquisitions(observations, count)
-        return draw(posterior, acquisitions, rng, self.boltzmann)[:, 0]
+        return draw(posterior, acquisitions, rng, self.boltzmann, transform=self.transform)[:, 0]
 
     def acquisitions(self, observations: Observations, count: int) -> Sequence[Acquisition]:
         """One acquisition a slot: EI for the exploitative share of each batch, UCB for the rest.

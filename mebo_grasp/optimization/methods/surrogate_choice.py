@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from mebo_grasp.optimization.methods.base import EVIDENCE, KUMARASWAMY, MCMC, MethodSettings
+from mebo_grasp.optimization.methods.base import EVIDENCE, KUMARASWAMY, MCMC, TREED_GP, MethodSettings
 from mebo_grasp.optimization.surrogate.additive import ADDITIVE_MATERN52, ADDITIVE_SQUARED_EXPONENTIAL
 from mebo_grasp.optimization.surrogate.empirical_bayes import EmpiricalBayesSurrogate
 from mebo_grasp.optimization.surrogate.evidence import EvidenceSurrogate
 from mebo_grasp.optimization.surrogate.kernels import MATERN52, SQUARED_EXPONENTIAL, Kernel
 from mebo_grasp.optimization.surrogate.marginalized import MarginalizedSurrogate
 from mebo_grasp.optimization.surrogate.posterior import Surrogate
+from mebo_grasp.optimization.surrogate.slice_sampling import SamplingSettings
+from mebo_grasp.optimization.surrogate.treed_surrogate import TreedSurrogate, TreeSettings
 from mebo_grasp.optimization.surrogate.warping import KumaraswamyWarp, MappedKernel
 
 _KERNELS: dict[str, Kernel] = {
@@ -24,6 +26,10 @@ def make_surrogate(dim: int, settings: MethodSettings) -> Surrogate:
     kernel = _KERNELS[settings.kernel]
     if settings.warp == KUMARASWAMY:
         kernel = MappedKernel(kernel, KumaraswamyWarp())
-    if settings.learning == MCMC:
-        return MarginalizedSurrogate(dim, settings.relearn_period, kernel)
+    sampling = SamplingSettings(settings.particles) if settings.learning == MCMC else None
+    if settings.surrogate == TREED_GP:
+        tree = TreeSettings(settings.min_leaf, settings.tree_weight_power, sampling)
+        return TreedSurrogate(dim, settings.relearn_period, kernel, tree)
+    if sampling is not None:
+        return MarginalizedSurrogate(dim, settings.relearn_period, kernel, sampling)
     return EmpiricalBayesSurrogate(dim, settings.relearn_period, kernel)

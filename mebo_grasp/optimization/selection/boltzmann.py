@@ -11,6 +11,7 @@ import numpy.typing as npt
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.acquisition.base import Acquisition
+from mebo_grasp.optimization.acquisition.unscented import UnscentedTransform
 from mebo_grasp.optimization.initial_design import sobol
 from mebo_grasp.optimization.surrogate.posterior import Posterior
 
@@ -146,19 +147,37 @@ class _Slots:
         posterior: Posterior,
         acquisitions: Sequence[Acquisition],
         chains: int,
+        transform: UnscentedTransform | None,
     ) -> None:
+        self.transform = transform
         self.posterior = posterior
         self.acquisitions = acquisitions
         self.chains = chains
         self.targets: list[LogTarget] = []
 
     def __call__(self, points: FloatArray) -> FloatArray:
-        mean, sd = self.posterior.predict(points)
+        values = self.values(points)
         log_density = np.empty(len(points))
         for i, (acquisition, target) in enumerate(zip(self.acquisitions, self.targets, strict=True)):
             rows = slice(i * self.chains, (i + 1) * self.chains)
-            log_density[rows] = target(acquisition.value_at(points[rows], mean[rows], sd[rows]))
+            log_density[rows] = target(values(acquisition, rows))
         return log_density
+
+    def values(self, points: FloatArray) -> Callable[[Acquisition, slice], FloatArray]:
+        """Predict at all points at once; return what gives an acquisition's values at some of them.
+
+        Under input noise these are its expectations over the sigma points.
+        """
+        transform = self.transform
+        size, queries = (1, points) if transform is None else (transform.size, transform.points(points))
+        mean, sd = self.posterior.predict(queries)
+
+        def evaluate(acquisition: Acquisition, rows: slice) -> FloatArray:
+            own = slice(rows.start * size, rows.stop * size)
+            worth = acquisition.value_at(queries[own], mean[own], sd[own])
+            return worth if transform is None else transform.mean(worth)
+
+        return evaluate
 
 
 def draw(
@@ -168,6 +187,7 @@ def draw(
     settings: BoltzmannSettings | None = None,
     per_acquisition: int = 1,
     box: Box | None = None,
+    transform: UnscentedTransform | None = None,
 ) -> FloatArray:
     """Draw queries for several acquisitions on one posterior.
 
@@ -183,6 +203,7 @@ def draw(
         settings: temperature, burn-in, chains.
         per_acquisition: queries wanted from each acquisition, T.
         box: where to draw; default the unit cube.
+        transform: input noise, under which the acquisitions' expectations count; default none.
 
     Returns:
         Queries in the unit cube, shape (k, T, d).
@@ -191,12 +212,12 @@ def draw(
     dim = posterior.dim
     box = box or Box.unit(dim)
     chains = max(settings.chains, per_acquisition)
-    slots = _Slots(posterior, acquisitions, chains)
+    slots = _Slots(posterior, acquisitions, chains, transform)
     net = box.lower + (box.upper - box.lower) * sobol(NET_SIZE, dim, rng)
-    mean, sd = posterior.predict(net)
+    net_values = slots.values(net)
     starts = np.empty((len(acquisitions), chains, dim))
     for i, acquisition in enumerate(acquisitions):
-        values = acquisition.value_at(net, mean, sd)
+        values = net_values(acquisition, slice(0, len(net)))
         target = LogTarget(values, settings)
         slots.targets.append(target)
         starts[i] = net[_resample(target(values), chains, rng)]

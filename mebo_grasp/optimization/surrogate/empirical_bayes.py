@@ -57,6 +57,10 @@ class EmpiricalBayesSurrogate:
                 observations.U, z, self._kernel, current, rng, self._learning, self._noise
             )
         self._schedule.count(due)
+        return self.posterior(observations)
+
+    def posterior(self, observations: Observations) -> GaussianProcess:
+        """Return the posterior given all values with the hyperparameters as they are."""
         return GaussianProcess.fit(observations.U, observations.y, self._hyperparameters, self._kernel)
 
     def state(self) -> dict[str, Any]:

@@ -32,6 +32,10 @@ class EvidenceSurrogate:
         believed = self._family.update(observations.U, observations.y, rng)
         return MixtureProcess(believed.posteriors, believed.shares)
 
+    def posterior(self, observations: Observations) -> MixtureProcess:
+        """Return that of the most probable member given all values, without learning anything."""
+        return MixtureProcess.equal([self._family.posterior(observations.U, observations.y)])
+
     def state(self) -> dict[str, Any]:
         """What ``restore`` needs, as JSON values."""
         return self._family.state()

@@ -43,6 +43,12 @@ class LogNormalPrior:
             np.concatenate([self.upper, other.upper]),
         )
 
+    def with_known(self, index: int, value: float) -> LogNormalPrior:
+        """The same with one parameter that is known, its logarithm given."""
+        mean, lower, upper = self.mean.copy(), self.lower.copy(), self.upper.copy()
+        mean[index] = lower[index] = upper[index] = value
+        return LogNormalPrior(mean, self.sd, lower, upper)
+
     @classmethod
     def repeated(cls, count: int, median: float, sd: float, lower: float, upper: float) -> LogNormalPrior:
         """The same prior for ``count`` parameters; median and bounds are given for the parameter itself."""

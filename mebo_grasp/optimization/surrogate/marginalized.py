@@ -50,6 +50,10 @@ class MarginalizedSurrogate:
                 observations.U, z, rng, self._kernel, current, self._sampling
             )
         self._schedule.count(due)
+        return self.posterior(observations)
+
+    def posterior(self, observations: Observations) -> MixtureProcess:
+        """Return the posterior given all values with the draws as they are."""
         return MixtureProcess.equal(
             [GaussianProcess.fit(observations.U, observations.y, h, self._kernel) for h in self._draws]
         )

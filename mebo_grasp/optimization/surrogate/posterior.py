@@ -65,6 +65,9 @@ class Surrogate(Protocol):
     def update(self, observations: Observations, rng: np.random.Generator) -> Posterior:
         """Return the posterior given all values; to be called once an iteration."""
 
+    def posterior(self, observations: Observations) -> Posterior:
+        """Return the posterior given all values with the hyperparameters as they are."""
+
     def state(self) -> dict[str, Any]:
         """What ``restore`` needs, as JSON values."""
 

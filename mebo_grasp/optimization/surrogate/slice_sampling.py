@@ -140,9 +140,28 @@ def sample_hyperparameters(
             return -np.inf
         return fitted.log_marginal_likelihood() + log_prior
 
-    state = np.clip(prior.mean if current is None else current.vector, prior.lower, prior.upper)
+    start = np.clip(prior.mean if current is None else current.vector, prior.lower, prior.upper)
+    return sample_chain(log_density, start, current is not None, rng, settings)
+
+
+def sample_chain(
+    log_density: LogDensity,
+    state: FloatArray,
+    warm: bool,
+    rng: np.random.Generator,
+    settings: SamplingSettings,
+) -> list[Hyperparameters]:
+    """Draw hyperparameters from a density, one a sweep after the burn-in.
+
+    Args:
+        log_density: of (theta, log noise), shape (p + 1,), up to a constant.
+        state: where the chain starts, shape (p + 1,).
+        warm: whether the start is a draw of an earlier chain, so that a short burn-in does.
+        rng: source of randomness.
+        settings: how many draws, how much burn-in.
+    """
     value = log_density(state)
-    for _ in range(settings.burn_in if current is None else settings.warm_burn_in):
+    for _ in range(settings.warm_burn_in if warm else settings.burn_in):
         state, value = slice_sweep(log_density, state, value, settings.width, rng)
     draws = []
     for _ in range(settings.n_samples):

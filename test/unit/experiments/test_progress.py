@@ -4,12 +4,14 @@ import io
 
 import pytest
 
+from mebo_grasp.experiments.cec2013_objective import Cec2013
+from mebo_grasp.experiments.job import Job
 from mebo_grasp.experiments.peers import PEER_NAMES
 from mebo_grasp.experiments.progress import Progress
-from mebo_grasp.experiments.protocol import VARIANTS, Job, known_methods
+from mebo_grasp.experiments.protocol import VARIANTS, known_methods
 from mebo_grasp.experiments.run_costs import SECONDS, CostEstimate, expected_seconds, slow_peers
 
-VINCENT, TRAP = Job("mebo", "vincent_2d", 0), Job("mebo", "five_uneven_peak_trap", 0)
+VINCENT, TRAP = Job("mebo", Cec2013("vincent_2d"), 0), Job("mebo", Cec2013("five_uneven_peak_trap"), 0)
 
 
 def test_every_method_of_all_and_every_peer_has_an_expected_cost() -> None:
@@ -18,7 +20,7 @@ def test_every_method_of_all_and_every_peer_has_an_expected_cost() -> None:
 
 
 def test_a_run_of_four_times_the_evaluations_is_expected_to_take_sixteen_times_as_long() -> None:
-    long = Job("mebo", "cf1_2d", 0, budget=1000)
+    long = Job("mebo", Cec2013("cf1_2d"), 0, budget=1000)
     assert expected_seconds(long) == pytest.approx(16.0 * expected_seconds(VINCENT))
 
 
@@ -32,12 +34,12 @@ def test_measured_runs_replace_what_was_expected() -> None:
     costs.finished(TRAP, 2.0 * expected_seconds(TRAP))
     # The same method elsewhere, and any other method, is expected to take twice as long too.
     assert costs.seconds(VINCENT) == pytest.approx(2.0 * expected_seconds(VINCENT))
-    bo = Job("bo", "vincent_2d", 0)
+    bo = Job("bo", Cec2013("vincent_2d"), 0)
     assert costs.seconds(bo) == pytest.approx(2.0 * expected_seconds(bo))
     costs.finished(VINCENT, 10.0)
-    costs.finished(Job("mebo", "vincent_2d", 1), 30.0)
-    assert costs.seconds(Job("mebo", "vincent_2d", 2)) == pytest.approx(20.0)
-    assert costs.seconds(Job("mebo", "vincent_2d", 2, budget=500)) != pytest.approx(20.0)
+    costs.finished(Job("mebo", Cec2013("vincent_2d"), 1), 30.0)
+    assert costs.seconds(Job("mebo", Cec2013("vincent_2d"), 2)) == pytest.approx(20.0)
+    assert costs.seconds(Job("mebo", Cec2013("vincent_2d"), 2, budget=500)) != pytest.approx(20.0)
 
 
 def test_time_left_is_shared_by_the_workers() -> None:
@@ -58,7 +60,7 @@ def test_a_failed_run_counts_as_done_and_teaches_nothing() -> None:
 def test_progress_names_what_is_to_come_done_and_left() -> None:
     stream = io.StringIO()
     bar = Progress(total=2, workers=1, stream=stream)
-    bar.announce([Job("skopt", "vincent_2d", 0), Job("skopt", "vincent_2d", 1)])
+    bar.announce([Job("skopt", Cec2013("vincent_2d"), 0), Job("skopt", Cec2013("vincent_2d"), 1)])
     assert "2 runs to make, roughly 8:20 of CPU time" in stream.getvalue()
     bar.finished(VINCENT, 3700.0)
     bar.show([VINCENT], force=True)

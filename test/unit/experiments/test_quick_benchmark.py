@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from mebo_grasp.experiments.cec2013_command import default_method
+from mebo_grasp.experiments.cec2013_objective import Cec2013
+from mebo_grasp.experiments.job import make_jobs
 from mebo_grasp.experiments.problems import THESIS_FUNCTIONS
-from mebo_grasp.experiments.protocol import make_jobs
 from mebo_grasp.experiments.published import METHODS_1D, METHODS_2D
 from mebo_grasp.experiments.runner import run_jobs
 
@@ -20,7 +21,7 @@ SEEDS = 3
 
 @pytest.fixture(scope="module")
 def peak_ratios(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, str], list[float]]:
-    jobs = make_jobs([default_method(), "mebo"], THESIS_FUNCTIONS, range(SEEDS))
+    jobs = make_jobs([default_method(), "mebo"], [Cec2013(name) for name in THESIS_FUNCTIONS], range(SEEDS))
     out: Path = tmp_path_factory.mktemp("cec2013")
     outcome = run_jobs(jobs, out, workers=min(2, os.cpu_count() or 1), progress=io.StringIO())
     assert not outcome.failures

@@ -16,17 +16,20 @@ import numpy as np
 import pytest
 
 from mebo_grasp.errors import InvalidSettingsError, RunLogError
-from mebo_grasp.experiments import peers
+from mebo_grasp.experiments import cec2013_objective, peers
 from mebo_grasp.experiments import run_job as run_job_module
 from mebo_grasp.experiments.acquisition_study import STUDY_NAMES
-from mebo_grasp.experiments.problems import Problem
-from mebo_grasp.experiments.protocol import Job, make_jobs, make_problem
+from mebo_grasp.experiments.cec2013_objective import Cec2013
+from mebo_grasp.experiments.job import Job, make_jobs
+from mebo_grasp.experiments.problems import Problem, get_problem
+from mebo_grasp.experiments.results import RESULTS_FILE, load_results
 from mebo_grasp.experiments.run_job import RunStopped, read_trace, run_job
-from mebo_grasp.experiments.runner import RESULTS_FILE, _sole_user, load_results, run_jobs
+from mebo_grasp.experiments.runner import _sole_user, _work, run_jobs
 from mebo_grasp.grasp import FloatArray
 
 SMALL: dict[str, Any] = {"budget": 16, "n_initial": 7, "batch_size": 3}
-MEBO = Job("mebo", "himmelblau", 3, **SMALL)
+HIMMELBLAU = Cec2013("himmelblau")
+MEBO = Job("mebo", HIMMELBLAU, 3, **SMALL)
 REPOSITORY = Path(__file__).resolve().parents[3]
 
 
@@ -35,10 +38,10 @@ class CountedEvaluations:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.points: list[tuple[float, ...]] = []
-        original = make_problem
+        original = Cec2013.make
 
-        def counted(job: Job) -> Problem:
-            problem = original(job)
+        def counted(objective: Cec2013, seed: int) -> Problem:
+            problem = original(objective, seed)
             function = problem.function
 
             def evaluate(X: FloatArray) -> FloatArray:
@@ -48,9 +51,9 @@ class CountedEvaluations:
             object.__setattr__(problem, "function", evaluate)
             return problem
 
-        monkeypatch.setattr(run_job_module, "make_problem", counted)
+        monkeypatch.setattr(Cec2013, "make", counted)
         # Scoring evaluates as well; only the run's own evaluations are counted here.
-        monkeypatch.setattr(run_job_module, "strict_count", lambda *_: 0)
+        monkeypatch.setattr(cec2013_objective, "strict_count", lambda *_: 0)
 
 
 class GoldenPeer:
@@ -79,7 +82,7 @@ def golden_peer(monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 def _trace(job: Job, out: Path) -> tuple[FloatArray, FloatArray]:
-    X, y, _ = read_trace(job.log_path(out), 2)
+    X, y, _ = read_trace(job.log_path(out))
     return X, y
 
 
@@ -90,9 +93,9 @@ def _trace_of(job: Job, out: Path) -> FloatArray:
 
 def test_a_run_uses_its_budget_and_its_log_holds_the_trace(tmp_path: Path) -> None:
     result = run_job(MEBO, tmp_path)
-    X, y, batches = read_trace(MEBO.log_path(tmp_path), 2)
+    X, y, batches = read_trace(MEBO.log_path(tmp_path))
     assert result["evaluations"] == len(X) == len(y) == 16
-    problem = make_problem(MEBO)
+    problem = HIMMELBLAU.make(MEBO.seed)
     np.testing.assert_array_equal(y, problem(X))
     assert batches == [[7, 8, 9], [10, 11, 12], [13, 14, 15]]
     expected = np.mean([np.var(X[batch], axis=0) for batch in batches], axis=0)
@@ -139,10 +142,10 @@ def test_open_trials_of_a_cut_log_are_evaluated_before_new_ones_are_asked(
 
 @pytest.mark.parametrize("name", STUDY_NAMES)
 def test_the_acquisition_study_runs_and_continues_after_a_cut(tmp_path: Path, name: str) -> None:
-    job = Job(name, "himmelblau", 1, **SMALL)
+    job = Job(name, HIMMELBLAU, 1, **SMALL)
     whole = run_job(job, tmp_path)
     before = _trace(job, tmp_path)
-    batches = read_trace(job.log_path(tmp_path), 2)[2]
+    batches = read_trace(job.log_path(tmp_path))[2]
     assert batches == [[7, 8, 9], [10, 11, 12], [13, 14, 15]]
     path = job.log_path(tmp_path)
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
@@ -152,7 +155,7 @@ def test_the_acquisition_study_runs_and_continues_after_a_cut(tmp_path: Path, na
 
 
 def test_the_acquisition_study_differs_by_its_acquisition_alone(tmp_path: Path) -> None:
-    traces = [_trace_of(Job(name, "himmelblau", 1, **SMALL), tmp_path) for name in (*STUDY_NAMES, "mebo")]
+    traces = [_trace_of(Job(name, HIMMELBLAU, 1, **SMALL), tmp_path) for name in (*STUDY_NAMES, "mebo")]
     for trace in traces[1:]:
         np.testing.assert_array_equal(trace[:7], traces[0][:7])
         assert not np.array_equal(trace[7:], traces[0][7:])
@@ -162,7 +165,7 @@ def test_the_acquisition_study_differs_by_its_acquisition_alone(tmp_path: Path) 
 def test_a_peers_cut_log_continues_the_same_way(
     tmp_path: Path, golden_peer: str, monkeypatch: pytest.MonkeyPatch, kept_share: float
 ) -> None:
-    job = Job(golden_peer, "himmelblau", 0, **SMALL)
+    job = Job(golden_peer, HIMMELBLAU, 0, **SMALL)
     run_job(job, tmp_path / "whole")
     content = job.log_path(tmp_path / "whole").read_bytes()
     cut = job.log_path(tmp_path / "cut")
@@ -177,8 +180,19 @@ def test_a_peers_cut_log_continues_the_same_way(
     assert 16 - told <= len(counted.points) <= 16 - told + 1
 
 
+@pytest.mark.parametrize("method", ["mebo", "golden"])
+def test_a_log_of_a_header_alone_continues(tmp_path: Path, golden_peer: str, method: str) -> None:
+    del golden_peer
+    job = Job(method, HIMMELBLAU, 0, **SMALL)
+    whole = run_job(job, tmp_path)
+    path = job.log_path(tmp_path)
+    path.write_bytes(path.read_bytes().splitlines(keepends=True)[0])
+    assert [len(part) for part in read_trace(path)] == [0, 0, 0]
+    assert run_job(job, tmp_path)["found_values"] == whole["found_values"]
+
+
 def test_a_peer_that_asks_other_points_than_before_is_not_continued(tmp_path: Path, golden_peer: str) -> None:
-    job = Job(golden_peer, "himmelblau", 0, **SMALL)
+    job = Job(golden_peer, HIMMELBLAU, 0, **SMALL)
     run_job(job, tmp_path)
     path = job.log_path(tmp_path)
     lines = path.read_text().splitlines(keepends=True)
@@ -199,7 +213,7 @@ def test_a_stop_keeps_what_was_done(tmp_path: Path) -> None:
 
 
 def test_parallel_runs_equal_single_ones_and_are_not_repeated(tmp_path: Path) -> None:
-    jobs = make_jobs(["random", "sobol"], ["himmelblau"], range(2), **SMALL)
+    jobs = make_jobs(["random", "sobol"], [HIMMELBLAU], range(2), **SMALL)
     outcome = run_jobs(jobs, tmp_path / "two", workers=2, progress=io.StringIO())
     assert [r["key"] for r in outcome.results] == [job.key for job in jobs]
     for job, result in zip(jobs, outcome.results, strict=True):
@@ -213,7 +227,7 @@ def test_parallel_runs_equal_single_ones_and_are_not_repeated(tmp_path: Path) ->
 
 
 def test_a_run_in_error_is_told_and_does_not_stop_the_others(tmp_path: Path) -> None:
-    jobs = [Job("random", "nowhere", 0, **SMALL), Job("random", "himmelblau", 0, **SMALL)]
+    jobs = [Job("random", Cec2013("nowhere"), 0, **SMALL), Job("random", HIMMELBLAU, 0, **SMALL)]
     outcome = run_jobs(jobs, tmp_path, progress=io.StringIO())
     assert [key for key, _ in outcome.failures] == [jobs[0].key]
     assert "function must be one of" in outcome.failures[0][1]
@@ -221,7 +235,7 @@ def test_a_run_in_error_is_told_and_does_not_stop_the_others(tmp_path: Path) -> 
 
 
 def test_a_torn_result_is_written_again_from_the_runs_log(tmp_path: Path) -> None:
-    jobs = make_jobs(["random"], ["himmelblau"], range(2), **SMALL)
+    jobs = make_jobs(["random"], [HIMMELBLAU], range(2), **SMALL)
     first = run_jobs(jobs, tmp_path, progress=io.StringIO())
     path = tmp_path / RESULTS_FILE
     content = path.read_bytes()
@@ -233,7 +247,7 @@ def test_a_torn_result_is_written_again_from_the_runs_log(tmp_path: Path) -> Non
 
 
 def test_results_of_another_format_are_made_again_from_the_logs(tmp_path: Path) -> None:
-    job = Job("random", "himmelblau", 0, **SMALL)
+    job = Job("random", HIMMELBLAU, 0, **SMALL)
     first = run_jobs([job], tmp_path, progress=io.StringIO()).results[0]
     path = tmp_path / RESULTS_FILE
     path.write_text(json.dumps({"format": 0, "key": job.key}) + "\n")
@@ -258,9 +272,10 @@ def test_bad_requests_are_refused(tmp_path: Path) -> None:
 _SCRIPT = """
 import sys
 from pathlib import Path
-from mebo_grasp.experiments.protocol import make_jobs
+from mebo_grasp.experiments.cec2013_objective import Cec2013
+from mebo_grasp.experiments.job import make_jobs
 from mebo_grasp.experiments.runner import run_jobs
-jobs = make_jobs(["mebo"], ["vincent_2d"], [0, 1], budget=90, n_initial=10)
+jobs = make_jobs(["mebo"], [Cec2013("vincent_2d")], [0, 1], budget=90, n_initial=10)
 outcome = run_jobs(jobs, Path(sys.argv[1]), workers=1)
 sys.exit(130 if outcome.interrupted else 0)
 """
@@ -286,7 +301,7 @@ def _wait_for_tells(out: Path, count: int) -> None:
 
 
 def _traces(out: Path) -> dict[str, list[list[float]]]:
-    return {path.name: read_trace(path, 2)[0].tolist() for path in sorted(out.rglob("seed-*.jsonl"))}
+    return {path.name: read_trace(path)[0].tolist() for path in sorted(out.rglob("seed-*.jsonl"))}
 
 
 @pytest.mark.slow
@@ -310,10 +325,44 @@ def test_killed_and_interrupted_benchmarks_continue_to_the_same_traces(tmp_path:
     assert sum(len(trace) for trace in _traces(out).values()) < 180
 
     for seed in (0, 1):
-        job = Job("mebo", "vincent_2d", seed, budget=90, n_initial=10)
+        job = Job("mebo", Cec2013("vincent_2d"), seed, budget=90, n_initial=10)
         run_job(job, out)
         run_job(job, tmp_path / "whole")
     assert _traces(out) == _traces(tmp_path / "whole")
+
+
+def test_a_run_of_an_ended_session_stops_and_one_of_the_present_session_goes_on(tmp_path: Path) -> None:
+    (tmp_path / ".session").write_text("present")
+    assert _work(MEBO, tmp_path, "ended")["kind"] == "stopped"
+    assert _work(MEBO, tmp_path, "present")["kind"] == "result"
+
+
+def test_what_other_settings_began_is_not_continued(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run_job(MEBO, tmp_path)
+    monkeypatch.setattr(Cec2013, "told", lambda *_: {"num_solutions": 7})
+    with pytest.raises(RunLogError, match="other settings"):
+        run_job(MEBO, tmp_path)
+    monkeypatch.undo()
+    monkeypatch.setattr(Cec2013, "make", lambda *_: get_problem("vincent_2d"))
+    with pytest.raises(RunLogError, match="another search space"):
+        run_job(MEBO, tmp_path)
+
+
+def test_results_of_other_settings_are_not_taken_for_these(tmp_path: Path) -> None:
+    job = Job("random", HIMMELBLAU, 0, **SMALL)
+    run_jobs([job], tmp_path, progress=io.StringIO())
+    path = tmp_path / RESULTS_FILE
+    path.write_text(path.read_text().replace('"transformed": false', '"transformed": true'))
+    with pytest.raises(RunLogError, match="with transformed True, not False"):
+        run_jobs([job], tmp_path, progress=io.StringIO())
+
+
+def test_two_workers_do_not_write_one_log(tmp_path: Path) -> None:
+    job = Job("random", HIMMELBLAU, 0, **SMALL)
+    job.log_path(tmp_path).parent.mkdir(parents=True)
+    with run_job_module._sole_writer(job.log_path(tmp_path)), pytest.raises(RunLogError, match="in use"):
+        run_job(job, tmp_path)
+    assert run_job(job, tmp_path)["evaluations"] == 16
 
 
 def test_a_folder_in_use_is_refused(tmp_path: Path) -> None:

@@ -11,17 +11,19 @@ import pytest
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.experiments import cec2013_command, published
+from mebo_grasp.experiments.cec2013_objective import Cec2013
+from mebo_grasp.experiments.job import Job
 from mebo_grasp.experiments.peers import PEER_NAMES, PeerTask, installed_peers, make_peer
 from mebo_grasp.experiments.plots import padded_curves, plot_found_optima
 from mebo_grasp.experiments.problems import CLASSIC_FUNCTIONS
-from mebo_grasp.experiments.protocol import Job, known_methods, make_problem, select_methods, settings_of
+from mebo_grasp.experiments.protocol import known_methods, select_methods, settings_of
 from mebo_grasp.experiments.run_job import read_trace, run_job
 from mebo_grasp.experiments.table import Table
 from mebo_grasp.experiments.tables import all_tables
 
 
 def _result(method: str, problem: str, seed: int, found: int, n_optima: int, first: float) -> dict[str, Any]:
-    job = Job(method, problem, seed)
+    job = Job(method, Cec2013(problem), seed)
     return {
         "key": job.key,
         "job": job.as_dict(),
@@ -40,6 +42,7 @@ def _result(method: str, problem: str, seed: int, found: int, n_optima: int, fir
     }
 
 
+HIMMELBLAU = Cec2013("himmelblau")
 RESULTS = [
     _result("mebo", "equal_maxima", 0, 5, 5, 0.2),
     _result("mebo", "equal_maxima", 1, 3, 5, 1.0),
@@ -188,24 +191,23 @@ def test_plot_pads_short_curves_and_writes_a_picture(tmp_path: Path) -> None:
 
 def test_methods_that_are_told_get_the_thesiss_settings_and_no_other_does() -> None:
     for name, tau, m in (("vincent_2d", 2.0, 20), ("himmelblau", 2.0, 4), ("uneven_maxima", 0.15, 2)):
-        job = Job("cl_mebo", name, 0)
-        settings = settings_of(job, make_problem(job))[1]
+        settings = settings_of(Job("cl_mebo", Cec2013(name), 0))[1]
         assert (settings.num_solutions, settings.min_distance) == (m, tau)
-    moved = Job("robot", "himmelblau", 1, transformed=True)
-    problem = make_problem(moved)
-    assert settings_of(moved, problem)[1].min_distance == pytest.approx(2.0 * problem.scale)
-    plain = settings_of(Job("mebo", "himmelblau", 0), make_problem(Job("mebo", "himmelblau", 0)))[1]
+    moved = Cec2013("himmelblau", transformed=True)
+    scale = moved.make(1).scale
+    assert settings_of(Job("robot", moved, 1))[1].min_distance == pytest.approx(2.0 * scale)
+    plain = settings_of(Job("mebo", HIMMELBLAU, 0))[1]
     assert (plain.num_solutions, plain.min_distance) == (None, None)
-    code = settings_of(Job("mebo_code", "himmelblau", 0), problem)
+    code = settings_of(Job("mebo_code", HIMMELBLAU, 0))
     assert code[0] == "mebo"
     assert code[1].proportional_selection
 
 
 def test_told_distance_beyond_the_thesis_is_half_the_smallest_gap() -> None:
-    job = Job("robot", "six_hump_camel", 0)
-    problem = make_problem(job)
+    job = Job("robot", Cec2013("six_hump_camel"), 0)
+    problem = Cec2013("six_hump_camel").make(0)
     gap = np.linalg.norm(problem.optima[0] - problem.optima[1])
-    assert settings_of(job, problem)[1].min_distance == pytest.approx(0.5 * gap)
+    assert settings_of(job)[1].min_distance == pytest.approx(0.5 * gap)
 
 
 def test_method_groups() -> None:
@@ -221,14 +223,14 @@ def test_method_groups() -> None:
 
 def test_keys_tell_protocols_and_transforms_apart() -> None:
     jobs = [
-        Job("mebo", "himmelblau", 0),
-        Job("mebo", "himmelblau", 1),
-        Job("mebo", "himmelblau", 0, budget=100),
-        Job("mebo", "himmelblau", 0, n_initial=10),
-        Job("mebo", "himmelblau", 0, batch_size=1),
-        Job("mebo", "himmelblau", 0, transformed=True),
-        Job("random", "himmelblau", 0),
-        Job("mebo", "vincent_2d", 0),
+        Job("mebo", HIMMELBLAU, 0),
+        Job("mebo", HIMMELBLAU, 1),
+        Job("mebo", HIMMELBLAU, 0, budget=100),
+        Job("mebo", HIMMELBLAU, 0, n_initial=10),
+        Job("mebo", HIMMELBLAU, 0, batch_size=1),
+        Job("mebo", Cec2013("himmelblau", transformed=True), 0),
+        Job("random", HIMMELBLAU, 0),
+        Job("mebo", Cec2013("vincent_2d"), 0),
     ]
     assert len({job.key for job in jobs}) == len(jobs)
 
@@ -242,10 +244,10 @@ def test_absent_peers_are_refused_by_name() -> None:
 
 
 def test_a_peer_without_a_design_of_its_own_begins_with_ours(tmp_path: Path) -> None:
-    job = Job("random", "himmelblau", 4, budget=20, n_initial=20)
+    job = Job("random", HIMMELBLAU, 4, budget=20, n_initial=20)
     run_job(job, tmp_path)
-    X = read_trace(job.log_path(tmp_path), 2)[0]
-    problem = make_problem(job)
+    X = read_trace(job.log_path(tmp_path))[0]
+    problem = HIMMELBLAU.make(4)
     task = PeerTask(problem.lower, problem.upper, 20, 3, 4)
     np.testing.assert_allclose(task.to_box(task.initial_design()), X)
 
@@ -273,7 +275,7 @@ def _arguments(*words: str) -> argparse.Namespace:
 
 def test_plan_has_the_budget_of_each_group_of_functions() -> None:
     jobs = cec2013_command.plan(_arguments("--methods", "random", "--functions", "all", "--seeds", "2"))
-    budgets = {job.problem: job.budget for job in jobs}
+    budgets = {job.objective.label: job.budget for job in jobs}
     assert len(jobs) == 40
     assert (budgets["vincent_2d"], budgets["shubert_3d"], budgets["cf4_20d"]) == (250, 1000, 2000)
     assert [job.seed for job in jobs] == sorted(job.seed for job in jobs)
@@ -284,7 +286,7 @@ def test_plan_has_the_budget_of_each_group_of_functions() -> None:
 def test_local_penalization_brings_table_d1_with_its_own_protocol() -> None:
     jobs = cec2013_command.plan(_arguments("--methods", "local_penalization", "random", "--seeds", "1"))
     study = [job for job in jobs if job.budget == 150]
-    assert {job.problem for job in study} == set(CLASSIC_FUNCTIONS)
+    assert {job.objective.label for job in study} == set(CLASSIC_FUNCTIONS)
     assert {(job.method, job.n_initial, job.batch_size) for job in study} == {("local_penalization", 15, 3)}
 
 

@@ -1,4 +1,4 @@
-"""The page with the grasps of a stored run in 3-D."""
+"""Meshes of hands in their postures, for pages: what ``grasping`` knows of hands, in the terms of ``solutions``."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ def posture_mesh(hand: HandModel, grasp: Grasp) -> Mesh:
         shapes = hand.link_geometry()
     parts = []
     for shape in shapes:
-        mesh = _coarse_mesh(shape)
+        mesh = coarse_mesh(shape)
         mesh.apply_transform(shape.T_tcp_shape.matrix)
         parts.append(mesh)
     whole = trimesh.util.concatenate(parts)
     return Mesh(grasp.T_object_tcp.transform_points(np.array(whole.vertices)), np.array(whole.faces))
 
 
-def _coarse_mesh(shape: PlacedShape) -> trimesh.Trimesh:
+def coarse_mesh(shape: PlacedShape) -> trimesh.Trimesh:
     """Return a mesh of few triangles: there are some twenty shapes a hand, and a page is to stay small."""
     if shape.kind != "capsule":
         return shape_mesh(shape)

@@ -1,0 +1,83 @@
+"""Pictures of an experiment: the best value over evaluations (thesis, figures 7.3 to 7.5)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mebo_grasp.experiments.scores import Run
+from mebo_grasp.experiments.set_metrics import best_so_far
+from mebo_grasp.grasp import FloatArray
+
+MOST_COLUMNS = 5
+
+
+def mean_curves(runs: Sequence[Run]) -> tuple[FloatArray, FloatArray]:
+    """Return mean and standard deviation over runs of the best value so far, each of shape (n,).
+
+    A run that ended earlier keeps its last value; before a run's first value it does not count.
+    """
+    longest = max(len(run.trace.y) for run in runs)
+    curves = np.full((len(runs), longest), np.nan)
+    for row, run in zip(curves, runs, strict=True):
+        curve = best_so_far(run.trace.y)
+        row[: len(curve)] = curve
+        row[len(curve) :] = curve[-1] if len(curve) else np.nan
+    counted = np.isfinite(curves)
+    n = np.maximum(counted.sum(axis=0), 1)
+    mean = np.where(counted.any(axis=0), np.where(counted, curves, 0.0).sum(axis=0) / n, np.nan)
+    square = np.where(counted, (curves - mean) ** 2, 0.0).sum(axis=0)
+    return mean, np.sqrt(square / np.maximum(n - 1, 1))
+
+
+def plot_best_values(runs: Sequence[Run], group: str, path: Path) -> None:
+    """Draw one panel an objective and one line a method: mean over runs, with a standard deviation to each side.
+
+    Args:
+        runs: finished runs of one group.
+        group: what they have in common.
+        path: picture to write; its suffix says the format.
+    """
+    # Imported here so that a run needs no drawing library; Figure without pyplot keeps no global state.
+    from matplotlib.figure import Figure
+
+    objectives = list(dict.fromkeys(run.job.objective for run in runs))
+    methods = list(dict.fromkeys(run.job.method for run in runs))
+    columns = min(MOST_COLUMNS, len(objectives))
+    rows = -(-len(objectives) // columns)
+    figure = Figure(figsize=(max(4.2 * columns, 6.0), 3.4 * rows + 0.5), layout="constrained")
+    for index, objective in enumerate(objectives):
+        axes = figure.add_subplot(rows, columns, index + 1)
+        picked = [run for run in runs if run.job.objective == objective]
+        _draw(axes, picked, methods)
+        axes.set_title(objective.column, fontsize=9)
+    figure.legend(
+        *figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=8
+    )
+    if group:
+        figure.suptitle(group, fontsize=10)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=100)
+
+
+def _draw(axes: Any, runs: Sequence[Run], methods: Sequence[str]) -> None:
+    lowest = []
+    for number, method in enumerate(methods):
+        picked = [run for run in runs if run.job.method == method]
+        if not picked:
+            continue
+        mean, sd = mean_curves(picked)
+        evaluations = np.arange(1, len(mean) + 1)
+        style = {"color": f"C{number % 10}", "lw": 1.3, "ls": ("-", "--", ":")[number // 10 % 3]}
+        axes.plot(evaluations, mean, label=method, **style)
+        axes.fill_between(evaluations, mean - sd, mean + sd, color=style["color"], alpha=0.10, lw=0)
+        lowest.append(mean[min(picked[0].job.n_initial, len(mean)) - 1])
+    if lowest and np.all(np.isfinite(lowest)):
+        # What the initial design finds is the same for all; the scale belongs to what comes after.
+        axes.set_ylim(bottom=0.9 * min(lowest) if min(lowest) > 0.0 else None)
+    axes.set_xlabel("evaluations", fontsize=8)
+    axes.set_ylabel("best value", fontsize=8)
+    axes.tick_params(labelsize=7)
