@@ -4,7 +4,7 @@ In many dimensions most of the space stays uncertain for ever, and the improveme
 trials to its corners; where the function has a plateau, nearly all of these end on it. So each trial belongs to one
 of the points of the greedy diverse set and stays near it (trust regions: TuRBO, Eriksson et al. 2019; one for each
 diverse point: ROBOT, Maus et al. 2022). Here a box has no state of its own: its length follows from the trials
-that were made nearest to its centre, of all diverse points, since that was found.
+that were made nearest to its centre since that was found.
 """
 
 from __future__ import annotations
@@ -104,13 +104,10 @@ class LocalSearches:
 
     @cached_property
     def _idle_trials(self) -> npt.NDArray[np.int64]:
-        """Trials made nearest to each centre since it was found, shape (number of centres,).
-
-        Nearest of all diverse points: a trial around a further one, an exploration's, is none of a centre's.
-        """
-        nearest = np.argmin(cdist(self.U * self.sides, self.U[self._diverse] * self.sides), axis=1)
-        later = np.arange(len(self.U)) > self._diverse[nearest]
-        return np.bincount(nearest[later], minlength=len(self._diverse))[: len(self.centres)]
+        """Trials made nearest to each centre since it was found, shape (number of centres,)."""
+        nearest = np.argmin(cdist(self.U * self.sides, self.U[self.centres] * self.sides), axis=1)
+        later = np.arange(len(self.U)) > self.centres[nearest]
+        return np.bincount(nearest[later], minlength=len(self.centres))
 
     def incumbents(self, points: FloatArray, rank: int) -> FloatArray:
         """Value that each point, shape (m, d), has to exceed to be of use, shape (m,).

@@ -75,12 +75,6 @@ def test_trials_from_before_the_centre_was_found_do_not_count():
     assert high[0] - low[0] == pytest.approx(LENGTHS[0])
 
 
-def test_trials_nearest_to_a_further_diverse_point_are_not_the_centre_s():
-    points = [[0.2, 0.2], [0.9, 0.9], [0.55, 0.2]] + [[0.5, 0.2 + 0.001 * i] for i in range(PATIENCE)]
-    low, high = searches(points, [3.0, 2.0, 1.0] + [0.5] * PATIENCE).box(0, FLAT, RNG)
-    assert high[1] - low[1] == pytest.approx(LENGTHS[0])
-
-
 def test_exploration_lies_around_a_further_diverse_point():
     points = [[0.5, 0.9], [0.1, 0.1], [0.12, 0.1], [0.9, 0.3], [0.5, 0.5]]
     found = searches(points, [0.0, 3.0, 2.0, 1.0, 2.5])
