@@ -15,6 +15,7 @@ from mebo_grasp.grasp import StampedGrasp
 from mebo_grasp.solutions.archive import SolutionArchive
 from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.exchange import import_trials, read_csv, read_jsonl, write_csv, write_jsonl
+from mebo_grasp.solutions.ranking import Ranking
 
 SUFFIXES = (".csv", ".jsonl", ".mcap")
 
@@ -50,7 +51,8 @@ def run_export(options: argparse.Namespace) -> int:
     metric = metric_of(options)
     is_filtered = bool(
         options.max_grasps is not None or options.min_quality or options.min_diversity or options.occlusion
-    )
+        or options.rank_by != Ranking.OBSERVED.value
+    )  # fmt: skip
     by_hand = bool(options.occlusion) and options.rule == BlockingRule.HAND.value
     with stored_run.open(by_hand, metric) as archive:
         trials: Iterable[StampedGrasp] = archive.grasps
