@@ -14,17 +14,12 @@ from mebo_grasp.solutions.exchange import to_record
 EXIT_NONE_LEFT = 3
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line."""
-    parser = commands.add_parser(
-        "best",
-        help="print the best grasps of a stored run that nothing blocks",
-        description="Answers as the service get_best_grasp does. Exit code 3 when no grasp is left.",
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.description = "Answers as the service get_best_grasp does. Exit code 3 when no grasp is left."
     add_run_arguments(parser)
     add_filter_arguments(parser, max_grasps=1, min_diversity=0.0)
     parser.add_argument("--json", action="store_true", help="print one JSON object a grasp, nothing else")
-    parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:

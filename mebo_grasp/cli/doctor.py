@@ -12,13 +12,11 @@ from mebo_grasp.grasping.target_object import CONCAVE_SHAPES, ConcaveShape, Targ
 MARKS = {Level.OK: "ok     ", Level.WARNING: "warning", Level.ERROR: "ERROR  "}
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line."""
-    parser = commands.add_parser(
-        "doctor",
-        help="check a hand and an object before a run",
-        description="Says which hand is in use and checks hand and object: units and scale, watertightness, "
-        "frames, self-collision in the preshape, closing that touches nothing. Exit code 1 if an error was found.",
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.description = (
+        "Says which hand is in use and checks hand and object: units and scale, watertightness, "
+        "frames, self-collision in the preshape, closing that touches nothing. Exit code 1 if an error was found."
     )
     parser.add_argument("--object", default="bottle", help="built-in name or mesh file (default: bottle)")
     parser.add_argument("--scale", type=float, default=1.0, help="factor from the mesh's unit to metres")
@@ -26,7 +24,6 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--concave", default="surface", choices=CONCAVE_SHAPES, help="what stands for a concave mesh (default: surface)"
     )
     parser.add_argument("--hand", default="icub_left", help="built-in name or hand description")
-    parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -11,18 +11,13 @@ from mebo_grasp.experiments.definition import builtin_names
 CEC2013 = "cec2013"
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line."""
-    parser = commands.add_parser(
-        "experiment",
-        help="run an experiment; write tables, plots and a report",
-        description=f"Experiments: {', '.join((CEC2013, *builtin_names()))}, or a YAML file (docs/experiments.md).",
-        epilog="`mebo-grasp experiment NAME --help` tells the options of an experiment.",
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.description = f"Experiments: {', '.join((CEC2013, *builtin_names()))}, or a YAML file (docs/experiments.md)."
+    parser.epilog = "`mebo-grasp experiment NAME --help` tells the options of an experiment."
     parser.add_argument("name", metavar="NAME", help="name of an experiment, or a file")
     # Each kind of experiment has options of its own; they are read once the name is known.
     parser.add_argument("options", nargs=argparse.REMAINDER, metavar="...", help="its options")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

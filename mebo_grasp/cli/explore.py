@@ -51,13 +51,11 @@ FAR = 1.0
 """Half side, metres, of the occluding boxes of the demonstration: wide enough for every hand around."""
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line."""
-    parser = commands.add_parser(
-        "explore",
-        help="explore an object with three nodes over ROS 2 and print its diverse grasps",
-        description="Explores an object with three ROS 2 nodes on this machine. An unfinished run in "
-        "the output folder is resumed. Ctrl-C stops cleanly and keeps what was found.",
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.description = (
+        "Explores an object with three ROS 2 nodes on this machine. An unfinished run in "
+        "the output folder is resumed. Ctrl-C stops cleanly and keeps what was found."
     )
     parser.add_argument("--object", default="bottle", help="built-in name or mesh file (default: bottle)")
     parser.add_argument("--scale", type=float, default=1.0, help="factor from the mesh's unit to metres")
@@ -80,7 +78,6 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser.add_argument("--min-distance", type=float, default=0.04, help="least distance of two [m]")
     parser.add_argument("--out", type=Path, help="folder of the run (default: out/<object>-<time>)")
     parser.add_argument("--restart", action="store_true", help="begin anew if the folder holds a run")
-    parser.set_defaults(run=run)
 
 
 def _add_surrogate_options(parser: argparse.ArgumentParser) -> None:

@@ -10,9 +10,9 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 
 from mebo_grasp import __version__
-from mebo_grasp.cli import best, doctor, exchange, experiment, explore, show, trial
 from mebo_grasp.errors import MeboGraspError
 
 EXIT_FAILED = 1
@@ -20,25 +20,46 @@ EXIT_USAGE = 2
 EXIT_INTERRUPTED = 130
 EXIT_BROKEN_PIPE = 141
 
-COMMANDS = (explore, show, best, trial, doctor, exchange, experiment)
+COMMANDS = {
+    "explore": ("explore", "explore an object with three nodes over ROS 2 and print its diverse grasps"),
+    "show": ("show", "print and draw the diverse grasps of a stored run"),
+    "best": ("best", "print the best grasps of a stored run that nothing blocks"),
+    "trial": ("trial", "try one pose, print all that came of it and draw it"),
+    "doctor": ("doctor", "check a hand and an object before a run"),
+    "export": ("export_trials", "write the trials of a stored run as CSV, JSON lines or MCAP"),
+    "import": ("import_trials", "store the trials of a CSV, JSON lines or MCAP file"),
+    "experiment": ("experiment", "run an experiment; write tables, plots and a report"),
+}
+"""Module of each command in this folder, and what the command does."""
 
 
-def make_parser() -> argparse.ArgumentParser:
-    """Return the parser of the whole command line."""
+def make_parser(chosen: str | None) -> argparse.ArgumentParser:
+    """Return the parser of the command line.
+
+    Args:
+        chosen: the command whose options are needed. The others are only named: to import everything that all of
+            them need takes seconds.
+    """
     parser = argparse.ArgumentParser(
         prog="mebo-grasp",
         description="Explores grasps of an object by multisolution Bayesian optimization.",
     )
     parser.add_argument("--version", action="version", version=f"mebo_grasp {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for module in COMMANDS:
-        module.add_parser(commands)
+    for name, (module, purpose) in COMMANDS.items():
+        command_parser = commands.add_parser(name, help=purpose)
+        if name == chosen:
+            command = import_module(f"mebo_grasp.cli.{module}")
+            command.add_arguments(command_parser)
+            command_parser.set_defaults(run=command.run)
     return parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
-    options = make_parser().parse_args(arguments)
+    given = sys.argv[1:] if arguments is None else arguments
+    chosen = next((argument for argument in given if not argument.startswith("-")), None)
+    options = make_parser(chosen).parse_args(given)
     try:
         code: int = options.run(options)
         sys.stdout.flush()

@@ -14,14 +14,12 @@ from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.solution_set import SolutionSet
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line."""
-    parser = commands.add_parser("show", help="print and draw the diverse grasps of a stored run")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
     add_run_arguments(parser)
     add_filter_arguments(parser, max_grasps=4, min_diversity=0.04)
     parser.add_argument("--picture", type=Path, help="PNG file (default: beside the database)")
     parser.add_argument("--page", type=Path, help="HTML file with the grasps in 3-D (default: beside it)")
-    parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -20,14 +20,12 @@ from mebo_grasp.grasping.target_object import CONCAVE_SHAPES, TargetObject
 from mebo_grasp.grasping.trial import CONTACT_MODELS, ENGINE_NAMES, QUALITY_NAMES, TrialSettings
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line."""
-    parser = commands.add_parser(
-        "trial",
-        help="try one pose, print all that came of it and draw it",
-        description="Places the hand, closes it and measures the grasp. The pose is that of the TCP in the "
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.description = (
+        "Places the hand, closes it and measures the grasp. The pose is that of the TCP in the "
         "object's frame: x y z in metres, then either roll pitch yaw in radians or a quaternion qx qy qz qw. "
-        "Numbers like -1e-3 must stand in quotes with the others: --pose '0 0.05 -1e-3 -1.57 0 0'.",
+        "Numbers like -1e-3 must stand in quotes with the others: --pose '0 0.05 -1e-3 -1.57 0 0'."
     )
     parser.add_argument("--object", default="bottle", help="built-in name or mesh file (default: bottle)")
     parser.add_argument("--scale", type=float, default=1.0, help="factor from the mesh's unit to metres")
@@ -52,7 +50,6 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         )
     parser.add_argument("--seed", type=int, default=1, help="seed of the noise (default: 1)")
     parser.add_argument("--out", type=Path, help="PNG file to draw the trial into")
-    parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
