@@ -105,11 +105,12 @@ def _noise_values(known: QualityUnderNoise | None) -> tuple[float | int | None, 
 
 
 def _under_noise(record: Record) -> QualityUnderNoise | None:
-    *figures, samples = (record.get(name) for name in NOISE_NUMBERS)
-    if samples is None and figures == [None] * 3:
+    given = [record[name] for name in NOISE_NUMBERS if record.get(name) is not None]
+    if not given:
         return None
-    if samples is None or None in figures:
+    if len(given) < len(NOISE_NUMBERS):
         raise ValueError(f"of {', '.join(NOISE_NUMBERS)} either all or none must be given")
+    *figures, samples = given
     expected, sd, worst = map(float, figures)
     return QualityUnderNoise(expected, sd, worst, _whole(samples, "noise_samples"))
 
