@@ -115,10 +115,9 @@ def test_files_of_before_quality_under_noise_are_read(tmp_path: Path, monkeypatc
     with table.open("w", newline="") as file:
         csv.writer(file).writerows(rows)
     definition = message_definition()
-    older = "\n".join(
-        line for line in definition.split("\n") if not any(f" {name} " in line for name in NOISE_NUMBERS)
-    )
-    assert len(older.split("\n")) == len(definition.split("\n")) - len(NOISE_NUMBERS)
+    lines = definition.split("\n")
+    older = "\n".join(line for line in lines if line.split()[1:2] not in [[name] for name in NOISE_NUMBERS])
+    assert len(older.split("\n")) == len(lines) - len(NOISE_NUMBERS)
     monkeypatch.setattr("msg_adapters.mcap.message_definition", lambda: older)
     write_mcap([trial], recording, OBJECT)
     for found in (*read_csv(table), *read_mcap(recording, OBJECT)):
