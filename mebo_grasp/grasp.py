@@ -209,7 +209,7 @@ class HandPosture:
                 f"a posture needs one position a joint: {len(self.names)} names and "
                 f"{len(self.positions)} positions"
             )
-        if not all(math.isfinite(position) for position in self.positions):
+        if not all(map(math.isfinite, self.positions)):
             raise InvalidPoseError(f"joint positions must be finite, got {self.positions}")
 
 

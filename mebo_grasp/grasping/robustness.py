@@ -14,7 +14,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from mebo_grasp.errors import InvalidSettingsError
-from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, Pose
+from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, HandPosture, Pose
 from mebo_grasp.grasping.pose_space import PoseSpace
 from mebo_grasp.grasping.simulator import GraspSimulator
 
@@ -126,15 +126,57 @@ def tilt_normal(contact: GraspContact, sd: float, rng: np.random.Generator) -> G
     return GraspContact(contact.link, contact.position, normal / np.linalg.norm(normal))
 
 
-def execute(simulator: GraspSimulator, pose: Pose, noise: ExecutionNoise, rng: np.random.Generator) -> Grasp:
-    """Execute one pose with noise on the pose, on friction and on contact normals; ``noise.unit`` is left out."""
-    grasp = simulator.trial(perturb_pose(pose, noise.position, noise.rotation, rng))
+def execute(
+    simulator: GraspSimulator, pose: Pose, noise: ExecutionNoise, rng: np.random.Generator,
+    preshape: HandPosture | None = None,
+) -> Grasp:
+    """Execute one pose with noise on the pose, on friction and on contact normals; ``noise.unit`` is left out.
+
+    Args:
+        simulator: object, hand and settings.
+        pose: the pose aimed at, of the TCP in the object's frame.
+        noise: what is uncertain.
+        rng: source of the noise.
+        preshape: posture from which the hand closes, as in ``GraspSimulator.trial``.
+
+    Returns:
+        The grasp; its pose is the one that noise led to.
+    """
+    grasp = simulator.trial(perturb_pose(pose, noise.position, noise.rotation, rng), preshape)
     if (noise.friction == 0.0 and noise.normal == 0.0) or not grasp.contacts:
         return grasp
     friction = simulator.settings.friction + noise.friction * rng.standard_normal()
     settings = replace(simulator.settings, friction=float(np.clip(friction, 0.0, LARGEST_FRICTION)))
     contacts = tuple(tilt_normal(contact, noise.normal, rng) for contact in grasp.contacts)
     return simulator.measured_anew(grasp, contacts, settings)
+
+
+class InexactHand:
+    """A hand that does not go quite where it is sent, and does not know it: its grasps carry the commanded pose.
+
+    Args:
+        simulator: object, hand and settings.
+        noise: what is uncertain; ``unit`` is left out. Without any, a trial is the simulator's, bit for bit.
+        rng: source of the noise, drawn in the order of the trials.
+    """
+
+    def __init__(self, simulator: GraspSimulator, noise: ExecutionNoise, rng: np.random.Generator) -> None:
+        self._simulator, self._noise, self._rng = simulator, noise, rng
+
+    def trial(self, T_object_tcp: Pose, preshape: HandPosture | None = None) -> Grasp:
+        """Execute one trial; contacts and metrics are those of the pose that noise led to.
+
+        Args:
+            T_object_tcp: the commanded pose of the TCP in the object's frame.
+            preshape: as in ``GraspSimulator.trial``.
+
+        Raises:
+            InvalidHandError: as ``GraspSimulator.trial``.
+        """
+        if self._noise == ExecutionNoise():
+            return self._simulator.trial(T_object_tcp, preshape)
+        executed = execute(self._simulator, T_object_tcp, self._noise, self._rng, preshape)
+        return replace(executed, T_object_tcp=T_object_tcp)
 
 
 def execute_repeatedly(

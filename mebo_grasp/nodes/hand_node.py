@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from typing import cast
 
+import numpy as np
 from geometry_msgs.msg import PoseStamped
 from mebo_grasp_interfaces.msg import GraspQuality
 from rclpy.node import Node
@@ -15,10 +16,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 from visualization_msgs.msg import MarkerArray
 
-from mebo_grasp.errors import InvalidHandError, MeboGraspError
+from mebo_grasp.errors import InvalidHandError, InvalidMessageError, MeboGraspError
 from mebo_grasp.grasp import Grasp, Pose, StampedGrasp
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.pose_space import position_space
+from mebo_grasp.grasping.robustness import ExecutionNoise, InexactHand
 from mebo_grasp.grasping.simulator import GraspSimulator
 from mebo_grasp.grasping.target_object import ConcaveShape, TargetObject
 from mebo_grasp.grasping.trial import ContactModel, EngineName, QualityName, TrialSettings
@@ -58,6 +60,13 @@ class HandNode(Node):
                 engine=cast(EngineName, settings.engine),
             ),
         )
+        noise = ExecutionNoise(
+            position=settings.position_noise,
+            rotation=settings.rotation_noise,
+            friction=settings.friction_noise,
+            normal=settings.normal_noise,
+        )
+        self._robot = InexactHand(self._simulator, noise, np.random.default_rng(settings.noise_seed))
         self._next_stamp = StampSource(lambda: self.get_clock().now().nanoseconds, offset_ns=random_offset())
         self._marker_period = 1.0 / settings.marker_rate if settings.marker_rate > 0 else float("inf")
         self._markers_due = 0.0
@@ -100,10 +109,15 @@ class HandNode(Node):
 
     @guarded
     def _on_candidate(self, candidate: PoseStamped) -> None:
+        try:
+            stamp_ns = from_time_msg(candidate.header.stamp)
+        except InvalidMessageError as error:
+            self._refuse_stamp(candidate, str(error))
+            return
         if self._pairs is None:
             self._answer(candidate.header, self._try_candidate(candidate))
             return
-        pair = self._pairs.add_pose(from_time_msg(candidate.header.stamp), candidate, time.monotonic())
+        pair = self._pairs.add_pose(stamp_ns, candidate, time.monotonic())
         if pair is not None:
             self._answer(candidate.header, self._try_candidate(*pair))
 
@@ -143,6 +157,13 @@ class HandNode(Node):
             self._joints.publish(to_joint_state_msg(grasp.hand_posture, stamp_ns))
         self._show(grasp)
 
+    def _refuse_stamp(self, candidate: PoseStamped, reason: str) -> None:
+        self.get_logger().warning(f"candidate refused: {reason}")
+        quality = to_grasp_quality_msg(StampedGrasp(0, self._refused(candidate, reason)), candidate.header.frame_id)
+        # Not a time, yet by it who asked knows the answer: it goes back as it came.
+        quality.header.stamp = candidate.header.stamp
+        self._qualities.publish(quality)
+
     def _try_candidate(self, candidate: PoseStamped, posture: JointState | None = None) -> Grasp:
         object_id, hand = self._target.object_id, self._hand.name
         try:
@@ -152,7 +173,7 @@ class HandNode(Node):
             self.get_logger().warning(f"candidate refused: {error}")
             return Grasp.failed(Pose.identity(), str(error), object_id, hand)
         try:
-            return self._simulator.trial(T_object_tcp, preshape)
+            return self._robot.trial(T_object_tcp, preshape)
         except InvalidHandError as error:
             self.get_logger().warning(f"candidate refused: {error}")
             return Grasp.failed(T_object_tcp, str(error), object_id, hand)

@@ -41,6 +41,19 @@ class HandNodeSettings:
     contact_model: str = parameter("hard", f"what a contact transmits: {', '.join(CONTACT_MODELS)}")
     quality: str = parameter("epsilon", f"metric that is optimized: {', '.join(QUALITY_NAMES)}")
     engine: str = parameter("bullet", "engine of the simulation: bullet (reference) or fast (compiled)")
+    position_noise: float = parameter(
+        0.0, "standard deviation of each coordinate of the executed position [m]; 0: exact", least=0.0, most=1.0
+    )
+    rotation_noise: float = parameter(
+        0.0, "standard deviation of each component of the executed turn [rad]; 0: exact", least=0.0, most=3.0
+    )
+    friction_noise: float = parameter(
+        0.0, "standard deviation of the coefficient of friction from trial to trial", least=0.0, most=10.0
+    )
+    normal_noise: float = parameter(
+        0.0, "standard deviation of the tilt of contact normals, about two axes [rad]", least=0.0, most=1.5
+    )
+    noise_seed: int = parameter(1, "seed of these noises, which are drawn trial by trial", least=0)
     expects_posture: bool = parameter(
         False, "whether a candidate_posture of the same stamp belongs to every candidate_pose (space pose_posture)"
     )

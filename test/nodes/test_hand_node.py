@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from functools import partial
 
+import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
 from mebo_grasp_interfaces.msg import GraspQuality
@@ -12,6 +13,7 @@ from mebo_grasp_interfaces.msg import GraspQuality
 from mebo_grasp.grasp import Pose
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.pose_space import position_space
+from mebo_grasp.grasping.robustness import perturb_pose
 from mebo_grasp.grasping.simulator import GraspSimulator
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.nodes import qos
@@ -57,17 +59,18 @@ def stamped(second: int, quality: GraspQuality) -> bool:
 
 
 def bad_candidates() -> list[tuple[str, PoseStamped, str]]:
-    good = to_pose_stamped_msg(1, OBJECT, Pose.from_rpy([0.0, 0.1, 0.0], [0.0, 0.0, 0.0]))
     cases = []
-    for name, expected in (("nan", "finite"), ("zero quaternion", "norm"), ("frame", "kitchen"), ("far", "")):
-        message = PoseStamped(header=good.header, pose=good.pose)
-        message = to_pose_stamped_msg(1, OBJECT, Pose.from_rpy([0.0, 0.1, 0.0], [0.0, 0.0, 0.0]))
+    names = ("nan", "finite"), ("zero quaternion", "norm"), ("frame", "kitchen"), ("stamp", "sec=-5"), ("far", "")
+    for second, (name, expected) in enumerate(names, start=1):
+        message = to_pose_stamped_msg(second * 10**9, OBJECT, Pose.from_rpy([0.0, 0.1, 0.0], [0.0, 0.0, 0.0]))
         if name == "nan":
             message.pose.position.y = math.nan
         elif name == "zero quaternion":
             message.pose.orientation.w = 0.0
         elif name == "frame":
             message.header.frame_id = "kitchen"
+        elif name == "stamp":
+            message.header.stamp.sec = -5
         else:
             message.pose.position.x = 1e6
         cases.append((name, message, expected))
@@ -81,8 +84,7 @@ def test_bad_candidates_are_answered_and_the_next_good_one_is_tried(
     launch("hand_node", object=OBJECT)
     candidates = probe.publisher(PoseStamped, "candidate_pose", qos.CANDIDATES)
     cases = bad_candidates()
-    for second, (_, message, _) in enumerate(cases, start=1):
-        message.header.stamp.sec = second
+    for _, message, _ in cases:
         candidates.publish(message)
     candidates.publish(to_pose_stamped_msg(99_000_000_000, OBJECT, middle))
     answers = qualities.wait_for_count(len(cases) + 1)
@@ -107,6 +109,22 @@ def test_a_candidate_without_a_stamp_is_given_one(launch, probe: Probe, middle: 
     first, second = (message.header.stamp for message in qualities.wait_for_count(2))
     assert first.sec > 0
     assert (second.sec, second.nanosec) > (first.sec, first.nanosec)
+
+
+def test_an_inexact_hand_answers_with_the_commanded_pose(launch, probe: Probe, middle: Pose) -> None:
+    qualities = probe.listen(GraspQuality, "grasp_quality", qos.QUALITIES)
+    launch("hand_node", object=OBJECT, position_noise=0.003, rotation_noise=0.02, noise_seed=4)
+    candidates = probe.publisher(PoseStamped, "candidate_pose", qos.CANDIDATES)
+    sent = [to_pose_stamped_msg(second * 10**9, OBJECT, middle) for second in (1, 2)]
+    for message in sent:
+        candidates.publish(message)
+    answers, rng = qualities.wait_for_count(2), np.random.default_rng(4)
+    with GraspSimulator(TargetObject.builtin(OBJECT), HandModel.load("icub_left")) as simulator:
+        for answer, message in zip(answers, sent, strict=True):
+            assert answer.tcp_pose == message.pose
+            executed = simulator.trial(perturb_pose(middle, 0.003, 0.02, rng))
+            assert list(answer.hand_posture.position) == list(executed.hand_posture.positions)
+    assert answers[0].hand_posture != answers[1].hand_posture
 
 
 def test_two_hands_have_topics_of_their_own(launch, probe: Probe, middle: Pose) -> None:

@@ -14,6 +14,7 @@ from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.pose_space import position_space
 from mebo_grasp.grasping.robustness import (
     ExecutionNoise,
+    InexactHand,
     execute,
     execute_candidate_repeatedly,
     execute_repeatedly,
@@ -126,3 +127,19 @@ def test_the_command_line_repeats_a_trial(capsys: pytest.CaptureFixture[str]) ->
     assert printed[0] == printed[1]
     assert "standard deviation" in printed[0]
     assert main([*arguments, "--normal-noise", "-1"]) == EXIT_USAGE
+
+
+def test_an_inexact_hand_is_executed_elsewhere_than_it_says() -> None:
+    noise = ExecutionNoise(position=0.003, rotation=0.03, normal=0.05)
+    with GraspSimulator(BOTTLE, HAND) as simulator:
+        rng = np.random.default_rng(8)
+        executed = [execute(simulator, POSE, noise, rng) for _ in range(3)]
+        hand = InexactHand(simulator, noise, np.random.default_rng(8))
+        told = [hand.trial(POSE) for _ in range(3)]
+        exact = InexactHand(simulator, ExecutionNoise(), np.random.default_rng(8)).trial(POSE)
+        plain = simulator.trial(POSE)
+    assert all(grasp.T_object_tcp is POSE for grasp in told)
+    assert not any(np.array_equal(grasp.T_object_tcp.position, POSE.position) for grasp in executed)
+    assert [grasp.quality for grasp in told] == [grasp.quality for grasp in executed]
+    assert len({grasp.hand_posture for grasp in told}) == 3
+    assert (exact.quality, exact.hand_posture) == (plain.quality, plain.hand_posture)
