@@ -17,6 +17,10 @@ class InvalidHandError(MeboGraspError, ValueError):
     """A hand description is unknown, incomplete or inconsistent."""
 
 
+class InvalidQualityError(MeboGraspError, ValueError):
+    """The figures of a grasp under noise contradict each other or are not finite."""
+
+
 class InvalidSettingsError(MeboGraspError, ValueError):
     """A setting is out of its range or contradicts another."""
 

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from mebo_grasp.errors import InvalidPoseError
+from mebo_grasp.errors import InvalidPoseError, InvalidQualityError
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -214,6 +214,60 @@ class HandPosture:
 
 
 @dataclass(frozen=True)
+class QualityUnderNoise:
+    """What the quality of a grasp comes to when the hand is not exactly where it was told to be.
+
+    Args:
+        expected: mean quality over the executions.
+        sd: their standard deviation, at least 0.
+        worst: the lowest quality of them.
+        samples: number of executions, or of points at which a model was asked; at least 1.
+
+    Raises:
+        InvalidQualityError: a number is out of range or not finite, or the worst is above the mean.
+    """
+
+    expected: float
+    sd: float
+    worst: float
+    samples: int
+
+    def __post_init__(self) -> None:
+        if self.samples < 1:
+            raise InvalidQualityError(f"quality under noise needs at least 1 sample, got {self.samples}")
+        figures = (self.expected, self.sd, self.worst)
+        if not all(map(math.isfinite, figures)) or self.sd < 0.0:
+            raise InvalidQualityError(
+                "quality under noise needs finite numbers and a deviation of at least 0, got "
+                f"expected {self.expected}, sd {self.sd}, worst {self.worst}"
+            )
+        if self.worst > self.expected + 1e-9 * (1.0 + abs(self.expected)):  # a mean is rounded
+            raise InvalidQualityError(
+                f"the worst quality {self.worst} cannot be above the expected one, {self.expected}"
+            )
+
+    @classmethod
+    def of(cls, qualities: npt.ArrayLike) -> QualityUnderNoise | None:
+        """Sum up repeated executions; None when none of them gave a value.
+
+        Args:
+            qualities: of the executions, shape (n,); NaN for one that failed, which does not count.
+
+        Returns:
+            The figures, with the standard deviation of the sample (n - 1 in the divisor; 0 for a single one).
+
+        Raises:
+            InvalidQualityError: a quality is infinite.
+        """
+        values = np.asarray(qualities, dtype=np.float64)
+        values = values[~np.isnan(values)]
+        if not len(values):
+            return None
+        sd = float(values.std(ddof=1)) if len(values) > 1 else 0.0
+        return cls(float(values.mean()), sd, float(values.min()), len(values))
+
+
+@dataclass(frozen=True)
 class Grasp:
     """The answer to one trial: where the hand was, what happened and how good the grasp is.
 
@@ -234,6 +288,7 @@ class Grasp:
         hand: name of the hand.
         computation_time: seconds that the trial took.
         message: why a trial failed or what a reader should know; empty otherwise.
+        under_noise: what is known of the grasp's quality under noise; None when nothing is.
 
     Raises:
         InvalidPoseError: quality and outcome contradict each other.
@@ -252,6 +307,7 @@ class Grasp:
     hand: str = ""
     computation_time: float = 0.0
     message: str = ""
+    under_noise: QualityUnderNoise | None = None
 
     def __post_init__(self) -> None:
         failed = self.outcome is GraspOutcome.FAILED

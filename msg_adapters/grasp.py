@@ -11,7 +11,14 @@ from mebo_grasp_interfaces.msg import GraspQuality
 from sensor_msgs.msg import JointState
 
 from mebo_grasp.errors import InvalidMessageError
-from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, HandPosture, StampedGrasp
+from mebo_grasp.grasp import (
+    Grasp,
+    GraspContact,
+    GraspOutcome,
+    HandPosture,
+    QualityUnderNoise,
+    StampedGrasp,
+)
 from msg_adapters.checks import require_finite, require_frame
 from msg_adapters.pose import (
     from_point_msg,
@@ -52,6 +59,7 @@ def to_grasp_quality_msg(stamped: StampedGrasp, frame_id: str) -> GraspQuality:
         computation_time=to_duration_msg(grasp.computation_time),
         message=grasp.message,
     )
+    _write_under_noise(message, grasp.under_noise)
     message.header.stamp = to_time_msg(stamped.stamp_ns)
     message.header.frame_id = frame_id
     return message
@@ -69,6 +77,7 @@ def from_grasp_quality_msg(message: GraspQuality, expected_frame: str) -> Stampe
         InvalidPoseError: a pose, contact or joint holds a number that is not usable.
         InvalidMessageError: the stamp or the outcome is unknown, or a number is not finite although the
             outcome says that there is a value.
+        InvalidQualityError: the figures under noise are not usable although there are samples.
     """
     require_frame(message.header.frame_id, expected_frame, "a grasp quality")
     outcome = _outcome(message.outcome)
@@ -90,6 +99,7 @@ def from_grasp_quality_msg(message: GraspQuality, expected_frame: str) -> Stampe
         hand=message.hand,
         computation_time=from_duration_msg(message.computation_time),
         message=message.message,
+        under_noise=_under_noise(message),
         **numbers,
     )
     return StampedGrasp(from_time_msg(message.header.stamp), grasp)
@@ -107,6 +117,24 @@ def _number(value: float, name: str, outcome: GraspOutcome) -> float:
     if outcome is GraspOutcome.FAILED and math.isnan(value):
         return math.nan
     return require_finite(value, f"{name} of a trial with outcome {outcome.name}")
+
+
+def _write_under_noise(message: GraspQuality, known: QualityUnderNoise | None) -> None:
+    if known is None:
+        message.expected_quality = message.quality_sd = message.worst_quality = math.nan
+        return
+    message.expected_quality, message.quality_sd = float(known.expected), float(known.sd)
+    message.worst_quality, message.noise_samples = float(known.worst), int(known.samples)
+
+
+def _under_noise(message: Any) -> QualityUnderNoise | None:
+    # Recordings of older versions lack the fields; a hand that knows nothing of them leaves them 0.
+    samples = int(getattr(message, "noise_samples", 0))
+    if samples == 0:
+        return None
+    return QualityUnderNoise(
+        float(message.expected_quality), float(message.quality_sd), float(message.worst_quality), samples
+    )
 
 
 def to_grasp_contact_msg(contact: GraspContact) -> GraspContactMsg:

@@ -12,13 +12,14 @@ from mebo_grasp.cli.trial_files import SUFFIXES, mcap_module, suffix_of
 from mebo_grasp.grasp import StampedGrasp
 from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.exchange import write_csv, write_jsonl
+from mebo_grasp.solutions.ranking import Ranking
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
     parser.description = (
         "Writes all trials, failed ones included; with any filter only the grasps that pass it, "
-        "best first in the order of quality (MCAP: of time)."
+        "best first by the figure of --rank-by (MCAP: in the order of time)."
     )
     add_run_arguments(parser)
     parser.add_argument("file", type=Path, help=f"file to write, its suffix says how: {', '.join(SUFFIXES)}")
@@ -31,7 +32,11 @@ def run(options: argparse.Namespace) -> int:
     stored_run = StoredRun.of(options)
     metric = metric_of(options)
     is_filtered = bool(
-        options.max_grasps is not None or options.min_quality or options.min_diversity or options.occlusion
+        options.max_grasps is not None
+        or options.min_quality
+        or options.min_diversity
+        or options.occlusion
+        or options.rank_by != Ranking.OBSERVED.value
     )
     by_hand = bool(options.occlusion) and options.rule == BlockingRule.HAND.value
     with stored_run.open(by_hand, metric) as archive:

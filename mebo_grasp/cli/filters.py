@@ -18,6 +18,7 @@ from mebo_grasp.solutions.best_grasp import BestGraspAnswer, BestGraspQuery
 from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.diversity import PoseMetric
 from mebo_grasp.solutions.occlusion import Box, Cone, Cylinder, Occlusion, Shape, Sphere, TriangleMesh
+from mebo_grasp.solutions.ranking import DEFAULT_QUANTILE, Ranking
 
 OCCLUSION_FORMAT = (
     "box:X,Y,Z  sphere:RADIUS  cylinder:HEIGHT,RADIUS  cone:HEIGHT,RADIUS  mesh:FILE, then @x,y,z or "
@@ -52,6 +53,15 @@ def add_filter_arguments(
     group.add_argument(
         "--min-diversity", "--min-distance", type=float, default=min_diversity,
         help=f"least mutual distance [m + weighted rad] (default: {min_diversity})",
+    )  # fmt: skip
+    group.add_argument(
+        "--rank-by", default=Ranking.OBSERVED.value, choices=[ranking.value for ranking in Ranking],
+        help="figure by which the best is told, and that --min-quality limits; grasps for which it is not known "
+        "are passed over (default: observed)",
+    )  # fmt: skip
+    group.add_argument(
+        "--quantile", type=float, default=DEFAULT_QUANTILE,
+        help=f"for --rank-by quantile, share of executions that may be worse (default: {DEFAULT_QUANTILE})",
     )  # fmt: skip
     group.add_argument(
         "--occlusion", action="append", default=[], metavar="SHAPE@POSE",
@@ -107,6 +117,8 @@ def query_of(options: argparse.Namespace, stored: int) -> BestGraspQuery:
         min_diversity=options.min_diversity,
         rule=BlockingRule(options.rule),
         approach_length=options.approach_length,
+        ranking=Ranking(options.rank_by),
+        quantile=options.quantile,
     )
 
 
@@ -161,4 +173,6 @@ def explain(answer: BestGraspAnswer) -> str:
     line = f"{answer.occluded} of {answer.considered} grasps looked at are blocked"
     if answer.blocked_by:
         line += ": " + ", ".join(f"{count} by '{name}'" for name, count in answer.blocked_by)
+    if answer.remark:
+        line += f"; {answer.remark}"
     return line if answer.grasps else f"none: {answer.explanation}"

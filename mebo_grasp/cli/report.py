@@ -20,6 +20,9 @@ HEADER = (
     f"  {'x, y, z [mm]':>22}  {'roll, pitch, yaw [deg]':>24}"
 )
 
+NOISE_HEADER = f"  {'expected':>8}  {'sd':>8}  {'worst':>8}"
+"""Of the columns that stand beside them where quality under noise is known."""
+
 
 def grasp_row(rank: int, grasp: Grasp) -> str:
     """Return one line of the table of grasps."""
@@ -33,9 +36,19 @@ def grasp_row(rank: int, grasp: Grasp) -> str:
 
 
 def grasp_table(grasps: Sequence[StampedGrasp]) -> str:
-    """Return a table of grasps, one a line, in the given order."""
+    """Return a table of grasps, one a line, in the given order; with figures under noise where any are known."""
     rows = [grasp_row(rank, stamped.grasp) for rank, stamped in enumerate(grasps, start=1)]
-    return "\n".join([HEADER, *rows])
+    if all(stamped.grasp.under_noise is None for stamped in grasps):
+        return "\n".join([HEADER, *rows])
+    noisy = [_under_noise_cells(stamped.grasp) for stamped in grasps]
+    return "\n".join([HEADER + NOISE_HEADER, *map("".join, zip(rows, noisy, strict=True))])
+
+
+def _under_noise_cells(grasp: Grasp) -> str:
+    known = grasp.under_noise
+    if known is None:
+        return f"  {'-':>8}  {'-':>8}  {'-':>8}"
+    return f"  {known.expected:>8.4f}  {known.sd:>8.4f}  {known.worst:>8.4f}"
 
 
 def require_png(option: str, path: Path | None) -> None:

@@ -37,7 +37,7 @@ def run(options: argparse.Namespace) -> int:
         f"{solutions.diverse} diverse, mean quality {solutions.mean_quality:.4f}, mean distance to the "
         f"nearest {1000 * solutions.mean_min_distance:.0f} mm, QD {solutions.qd:.4f}"
     )
-    if query.occlusions or not answer.grasps:
+    if query.occlusions or answer.passed_over or not answer.grasps:
         print(explain(answer))
     if not solutions.grasps:
         return 0

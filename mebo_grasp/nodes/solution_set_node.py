@@ -33,6 +33,7 @@ from mebo_grasp.solutions.best_grasp import BestGraspAnswer, BestGraspQuery
 from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.diversity import PoseMetric
 from mebo_grasp.solutions.occlusion import Occlusion
+from mebo_grasp.solutions.ranking import DEFAULT_QUANTILE, Ranking
 from mebo_grasp.solutions.solution_set import SolutionSet
 from msg_adapters.grasp import from_grasp_quality_msg, to_grasp_quality_msg
 from msg_adapters.occlusion import from_occlusion_msgs
@@ -42,6 +43,13 @@ from msg_adapters.time import to_time_msg
 
 MESSAGES = 2048
 """Messages of returned grasps that are kept: the best ones are asked for again and again."""
+
+_RANKINGS = {
+    GetBestGrasp.Request.RANK_OBSERVED: Ranking.OBSERVED,
+    GetBestGrasp.Request.RANK_EXPECTED: Ranking.EXPECTED,
+    GetBestGrasp.Request.RANK_WORST: Ranking.WORST,
+    GetBestGrasp.Request.RANK_QUANTILE: Ranking.QUANTILE,
+}
 
 
 def default_database(object_id: str) -> Path:
@@ -166,7 +174,8 @@ class SolutionSetNode(Node):
         if not answer.grasps:
             blocked = answer.considered > 0
             response.error_code = response.ALL_OCCLUDED if blocked else response.NO_GRASP_STORED
-            response.message = answer.explanation
+        response.passed_over = answer.passed_over
+        response.message = answer.explanation or answer.remark
         return response
 
     def _make_message(self, stamped: StampedGrasp) -> GraspQuality:
@@ -183,6 +192,9 @@ class SolutionSetNode(Node):
                 f"rule {request.rule} is unknown; use RULE_OF_NODE={request.RULE_OF_NODE}, "
                 f"RULE_TCP={request.RULE_TCP} or RULE_HAND={request.RULE_HAND}"
             )
+        if request.ranking not in _RANKINGS:
+            known_rankings = ", ".join(f"RANK_{name.name}={value}" for value, name in _RANKINGS.items())
+            raise InvalidMessageError(f"ranking {request.ranking} is unknown; known are {known_rankings}")
         known = () if request.ignore_known else self._occlusions
         return BestGraspQuery(
             occlusions=(*known, *self._to_occlusions(request.occlusions)),
@@ -191,6 +203,8 @@ class SolutionSetNode(Node):
             min_diversity=request.min_diversity,
             rule=rules[request.rule],
             approach_length=self._settings.approach_length,
+            ranking=_RANKINGS[request.ranking],
+            quantile=request.quantile or DEFAULT_QUANTILE,
         )
 
     @guarded_service(GetSolutionSet.Response.INTERNAL_ERROR)

@@ -207,7 +207,7 @@ class SolutionArchive:
             if not grasp.quality > 0.0:
                 return AddStatus.STORED
             improved = grasp.quality > self._index.best_quality
-            self._index.add(trial.stamp_ns, grasp.quality, grasp.T_object_tcp, volume)
+            self._index.add(trial, volume)
             return AddStatus.IMPROVED if improved else AddStatus.STORED
 
     def add_many(self, trials: Iterable[StampedGrasp]) -> int:
@@ -252,7 +252,12 @@ class SolutionArchive:
             if count:
                 counts[occlusion.id] = counts.get(occlusion.id, 0) + int(count)
         return BestGraspAnswer(
-            grasps, found.considered, int(found.blocked.sum()), tuple(counts.items())
+            grasps,
+            found.considered,
+            int(found.blocked.sum()),
+            tuple(counts.items()),
+            query.ranking,
+            found.passed_over,
         )
 
     def solution_set(

@@ -17,14 +17,24 @@ from pathlib import Path
 from typing import IO, Any
 
 from mebo_grasp.errors import InvalidFileError, MeboGraspError
-from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, HandPosture, Pose, StampedGrasp
+from mebo_grasp.grasp import (
+    Grasp,
+    GraspContact,
+    GraspOutcome,
+    HandPosture,
+    Pose,
+    QualityUnderNoise,
+    StampedGrasp,
+)
 from mebo_grasp.solutions.archive import SolutionArchive
 
 NUMBERS = ("quality", "epsilon", "volume", "isotropy", "computation_time")
+NOISE_NUMBERS = ("expected_quality", "quality_sd", "worst_quality", "noise_samples")
+"""Empty where nothing is known of a grasp under noise; older files lack them."""
 CSV_COLUMNS = (
     "stamp_ns", "object_id", "outcome", "quality", "epsilon", "volume", "isotropy", "force_closure",
     "px", "py", "pz", "qx", "qy", "qz", "qw", "hand", "computation_time", "message",
-    "joint_names", "joint_positions", "contacts",
+    "joint_names", "joint_positions", "contacts", *NOISE_NUMBERS,
 )  # fmt: skip
 """Columns of a CSV file; joints and contacts are JSON in their cells."""
 
@@ -54,6 +64,7 @@ def to_record(stamped: StampedGrasp) -> Record:
             }
             for contact in grasp.contacts
         ],
+        **dict(zip(NOISE_NUMBERS, _noise_values(grasp.under_noise), strict=True)),
     }
 
 
@@ -80,12 +91,28 @@ def from_record(record: Record) -> StampedGrasp:
             object_id=str(record["object_id"]),
             hand=str(record["hand"]),
             message=str(record["message"]),
+            under_noise=_under_noise(record),
         )
-        return StampedGrasp(_whole(record["stamp_ns"]), grasp)
+        return StampedGrasp(_whole(record["stamp_ns"], "stamp_ns"), grasp)
     except KeyError as error:
         raise InvalidFileError(f"field or value {error} is missing or unknown") from error
     except (TypeError, ValueError, MeboGraspError) as error:
         raise InvalidFileError(str(error)) from error
+
+
+def _noise_values(known: QualityUnderNoise | None) -> tuple[float | int | None, ...]:
+    return (None,) * 4 if known is None else (known.expected, known.sd, known.worst, known.samples)
+
+
+def _under_noise(record: Record) -> QualityUnderNoise | None:
+    given = [record[name] for name in NOISE_NUMBERS if record.get(name) is not None]
+    if not given:
+        return None
+    if len(given) < len(NOISE_NUMBERS):
+        raise ValueError(f"of {', '.join(NOISE_NUMBERS)} either all or none must be given")
+    *figures, samples = given
+    expected, sd, worst = map(float, figures)
+    return QualityUnderNoise(expected, sd, worst, _whole(samples, "noise_samples"))
 
 
 def _null_if_nan(value: float) -> float | None:
@@ -102,9 +129,9 @@ def _boolean(value: object) -> bool:
     return value
 
 
-def _whole(value: object) -> int:
+def _whole(value: object, name: str) -> int:
     if not isinstance(value, int) or isinstance(value, bool):
-        raise ValueError(f"stamp_ns must be a whole number, got {value!r}")
+        raise ValueError(f"{name} must be a whole number, got {value!r}")
     return value
 
 
@@ -170,6 +197,9 @@ def _from_row(row: Record) -> Record:
         record[name] = json.loads(row[name])
     for name in NUMBERS:
         record[name] = float(row[name]) if row[name] else None
+    for name in NOISE_NUMBERS:
+        convert = int if name == "noise_samples" else float
+        record[name] = convert(row[name]) if row.get(name) else None
     record["stamp_ns"] = int(row["stamp_ns"])
     return record
 
@@ -194,7 +224,7 @@ def read_csv(path: str | Path) -> Iterator[StampedGrasp]:
     """
     with _open(path) as file:
         reader = csv.DictReader(file)
-        missing = set(CSV_COLUMNS) - set(reader.fieldnames or ())
+        missing = set(CSV_COLUMNS) - set(NOISE_NUMBERS) - set(reader.fieldnames or ())
         if missing:
             raise InvalidFileError(f"{path}: these columns are missing: {', '.join(sorted(missing))}")
         for row in reader:

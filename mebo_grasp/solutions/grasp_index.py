@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 
 from mebo_grasp.errors import InvalidQueryError
-from mebo_grasp.grasp import FloatArray, Pose
+from mebo_grasp.grasp import FloatArray, Pose, StampedGrasp
 from mebo_grasp.solutions.best_first import node_bounds, search, sort_leaves
 from mebo_grasp.solutions.best_grasp import BestGraspQuery
 from mebo_grasp.solutions.blocking import BlockingRule
@@ -18,6 +19,7 @@ from mebo_grasp.solutions.diversity import IntArray, PoseMetric
 from mebo_grasp.solutions.grasp_columns import Grasps, NodeBounds, Wanted
 from mebo_grasp.solutions.hand_volume import PackedVolume, bounding_balls
 from mebo_grasp.solutions.occlusion import Occlusion, Sphere, make_scene
+from mebo_grasp.solutions.ranking import Ranking, figures_under_noise
 from mebo_grasp.solutions.stored_grasps import StoredGrasps
 
 LEAF_SIZE = 48
@@ -37,21 +39,26 @@ class Found:
         stamps_ns: of the grasps found, best first.
         considered: grasps of enough quality that were looked at.
         blocked: shape (number of occlusions,), how many of them each occlusion blocked.
+        passed_over: grasps for which the figure that ranks is not known.
     """
 
     stamps_ns: tuple[int, ...]
     considered: int
     blocked: IntArray
+    passed_over: int = 0
+
+
+_NONE, _NOTHING, _NOWHERE = np.empty(0, dtype=np.int64), np.empty(0), np.empty((0, 3))
+NO_TREE = BoundingTree(_NONE, _NONE, _NONE, _NONE, _NOWHERE, _NOWHERE)
+NO_BOUNDS = NodeBounds(_NOTHING, _NOTHING, _NOTHING, _NOTHING)
 
 
 class Covering:
     """The tree of one blocking rule, made anew when too many grasps are not in it."""
 
     def __init__(self) -> None:
-        nowhere, none, nothing = np.empty((0, 3)), np.empty(0, dtype=np.int64), np.empty(0)
-        self.tree = BoundingTree(none, none, none, none, nowhere, nowhere)
-        self.bounds = NodeBounds(nothing, nothing, nothing, nothing)
-        self._order = Column.of(none)
+        self.tree, self.bounds = NO_TREE, NO_BOUNDS
+        self._order = Column.of(_NONE)
         self._pending: Future[tuple[BoundingTree, NodeBounds]] | None = None
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="grasp_index")
 
@@ -150,8 +157,9 @@ class GraspIndex:
         """The best quality, 0 when nothing is stored."""
         return self._best
 
-    def add(self, stamp_ns: int, quality: float, pose: Pose, volume: PackedVolume | None) -> None:
+    def add(self, trial: StampedGrasp, volume: PackedVolume | None) -> None:
         """Add one grasp; its quality must be above zero and its stamp new."""
+        grasp, pose, known = trial.grasp, trial.grasp.T_object_tcp, trial.grasp.under_noise
         position, quaternion = pose.position[None], pose.quaternion_xyzw[None]
         capsules = np.empty((0, 7), dtype=np.int16) if volume is None else volume
         balls = bounding_balls(position, quaternion, np.array([0, len(capsules)]), capsules)
@@ -161,11 +169,13 @@ class GraspIndex:
         for column, values in zip((self._centers, self._inner, self._outer), balls, strict=True):
             column.extend(values)
         self._no_radius.extend(np.zeros(1))
-        stored.stamps_ns.extend(np.array([stamp_ns]))
+        stored.stamps_ns.extend(np.array([trial.stamp_ns]))
         stored.positions.extend(position)
         stored.quaternions.extend(quaternion)
-        stored.qualities.extend(np.array([quality]))
-        self._best = max(self._best, quality)
+        figures = (math.nan,) * 3 if known is None else (known.expected, known.sd, known.worst)
+        stored.under_noise.extend(np.array([figures]))
+        stored.qualities.extend(np.array([grasp.quality]))
+        self._best = max(self._best, grasp.quality)
         self._refresh()
 
     def _refresh(self) -> None:
@@ -209,6 +219,11 @@ class GraspIndex:
                 "the rule 'hand' needs the volume of the hand: open the archive with hand_volume"
             )
         covering, grasps = self._coverings[query.rule], self._grasps(query.rule)
+        tree, bounds, passed_over = covering.tree, covering.bounds, 0
+        if query.ranking is not Ranking.OBSERVED:
+            # Few grasps were repeated: sorted for each question, and looked at one by one without a tree.
+            tree, bounds = NO_TREE, NO_BOUNDS
+            grasps, passed_over = self._ranked_anew(grasps, query)
         by_hand = query.rule is BlockingRule.HAND
         wanted = Wanted(
             max(1, min(query.max_grasps, len(self))),
@@ -219,10 +234,17 @@ class GraspIndex:
             by_hand,
             -query.approach_length * approach_axis if by_hand else np.zeros(3),
         )
-        rows, considered, blocked = search(
-            covering.tree, covering.bounds, grasps, make_scene(query.occlusions), wanted
-        )
-        return Found(tuple(grasps.stamps[rows].tolist()), int(considered), blocked)
+        rows, considered, blocked = search(tree, bounds, grasps, make_scene(query.occlusions), wanted)
+        return Found(tuple(grasps.stamps[rows].tolist()), int(considered), blocked, passed_over)
+
+    def _ranked_anew(self, grasps: Grasps, query: BestGraspQuery) -> tuple[Grasps, int]:
+        """Return the grasps with the figure that ranks in place of the quality, and how many have none."""
+        values = figures_under_noise(query.ranking, self._stored.under_noise.array, query.quantile)
+        unknown = int(np.isnan(values).sum())
+        values[~(values > 0.0)] = math.nan  # never an answer, nor counted
+        rows = np.flatnonzero(values > 0.0)
+        order = rows[np.lexsort((grasps.stamps[rows], -values[rows]))]
+        return grasps._replace(order=order, qualities=values), unknown
 
     def close(self) -> None:
         """Let the workers end."""

@@ -172,7 +172,7 @@ def _grasp(stamped: StampedGrasp, hand: Mesh, color: tuple[float, float, float])
 
 def grasp_numbers(grasp: Grasp) -> list[str]:
     """Return a grasp's row of the page's table."""
-    pose = grasp.T_object_tcp
+    pose, known = grasp.T_object_tcp, grasp.under_noise
     return [
         f"{grasp.quality:.4f}",
         f"{grasp.epsilon:.4f}",
@@ -181,6 +181,7 @@ def grasp_numbers(grasp: Grasp) -> list[str]:
         str(len(grasp.contacts)),
         ", ".join(f"{1000 * value:.1f}" for value in pose.position),
         ", ".join(f"{value:.1f}" for value in np.degrees(pose.rpy)),
+        "-" if known is None else f"{known.expected:.4f} ± {known.sd:.4f}, {known.worst:.4f}",
     ]
 
 

@@ -53,6 +53,15 @@ CREATE TRIGGER trial_changed AFTER UPDATE ON trial BEGIN {_OLD} {_NEW} END;
 CREATE TRIGGER trial_deleted AFTER DELETE ON trial BEGIN {_OLD} END;
 """
 
+# What is known of a grasp under noise; NULL when nothing is.
+_VERSION_5 = """
+ALTER TABLE trial ADD COLUMN expected_quality REAL;
+ALTER TABLE trial ADD COLUMN quality_sd REAL;
+ALTER TABLE trial ADD COLUMN worst_quality REAL;
+ALTER TABLE trial ADD COLUMN noise_samples INTEGER;
+DELETE FROM chunk;
+"""
+
 
 def _pack_every_object(connection: sqlite3.Connection) -> None:
     for (object_key,) in connection.execute("SELECT id FROM object").fetchall():
@@ -66,7 +75,8 @@ MIGRATIONS: tuple[tuple[Step, ...], ...] = (
     (_VERSION_1,),
     (_VERSION_2,),
     (_VERSION_3,),
-    (_VERSION_4, _pack_every_object),
+    (_VERSION_4,),
+    (_VERSION_5, _pack_every_object),  # only the newest step can pack: chunks hold the newest columns
 )
 """``MIGRATIONS[v]`` leads from version v to v + 1; version 0 is an empty database."""
 

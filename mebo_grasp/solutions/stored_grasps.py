@@ -23,6 +23,7 @@ class StoredGrasps:
         qualities: shape (n,).
         positions: of the TCP in the object's frame, shape (n, 3), metres.
         quaternions: xyzw, shape (n, 4).
+        under_noise: expected, sd and worst quality under noise, NaN when not known, shape (n, 3).
         first_capsule: capsules of grasp i are the rows ``first_capsule[i]`` to ``first_capsule[i + 1]``,
             shape (n + 1,).
         capsules: in the TCP's frame, as ``HandVolume.packed`` gives them, shape (c, 7).
@@ -34,6 +35,7 @@ class StoredGrasps:
     qualities: Column
     positions: Column
     quaternions: Column
+    under_noise: Column
     first_capsule: Column
     capsules: Column
     has_volumes: bool
@@ -65,6 +67,7 @@ class StoredGrasps:
             qualities=Column.with_room(expected, np.float64),
             positions=Column.with_room(expected, np.float64, (3,)),
             quaternions=Column.with_room(expected, np.float64, (4,)),
+            under_noise=Column.with_room(expected, np.float64, (3,)),
             first_capsule=first_capsule,
             capsules=Column.with_room(FIRST_CAPSULES * expected if with_volumes else 0, np.int16, (7,)),
             has_volumes=with_volumes,
@@ -77,6 +80,7 @@ class StoredGrasps:
         self.qualities.extend(grasps["quality"])
         self.positions.extend(grasps["position"])
         self.quaternions.extend(grasps["quaternion"])
+        self.under_noise.extend(grasps["under_noise"])
         counts = grasps["capsules"] if self.has_volumes else np.zeros(len(grasps), dtype=np.int64)
         self.first_capsule.extend(self.first_capsule.array[-1] + np.cumsum(counts))
         if self.has_volumes:

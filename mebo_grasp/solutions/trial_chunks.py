@@ -31,12 +31,15 @@ GRASP = np.dtype(
         ("quality", "<f8"),
         ("position", "<f8", 3),
         ("quaternion", "<f8", 4),
+        ("under_noise", "<f8", 3),
         ("capsules", "<i4"),
     ]
 )
 """What the queries need of a grasp; a further number that they rank by becomes a field here, a column in
 ``_ROW_COLUMNS`` and a step of the schema that empties ``chunk``."""
-_ROW_COLUMNS = "stamp_ns, quality, px, py, pz, qx, qy, qz, qw, hand_volume"
+_ROW_COLUMNS = (
+    "stamp_ns, quality, px, py, pz, qx, qy, qz, qw, expected_quality, quality_sd, worst_quality, hand_volume"
+)
 
 
 class Block(NamedTuple):
@@ -152,7 +155,8 @@ def _from_rows(rows: list[tuple[Any, ...]]) -> Block:
         raise ValueError(f"a hand's volume is not a multiple of {CAPSULE_BYTES} bytes long")
     grasps = np.array(
         [
-            (row[0], row[1], row[2:5], row[5:9], len(volume) // CAPSULE_BYTES)
+            # NULL becomes NaN.
+            (row[0], row[1], row[2:5], row[5:9], row[9:12], len(volume) // CAPSULE_BYTES)
             for row, volume in zip(graspable, volumes, strict=True)
         ],
         dtype=GRASP,

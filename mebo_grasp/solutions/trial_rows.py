@@ -8,10 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, HandPosture, Pose, StampedGrasp
+from mebo_grasp.grasp import (
+    Grasp,
+    GraspContact,
+    GraspOutcome,
+    HandPosture,
+    Pose,
+    QualityUnderNoise,
+    StampedGrasp,
+)
 
 TRIAL_COLUMNS = (
-    "stamp_ns, outcome, quality, px, py, pz, qx, qy, qz, qw, epsilon, volume, isotropy, force_closure"
+    "stamp_ns, outcome, quality, px, py, pz, qx, qy, qz, qw, epsilon, volume, isotropy, force_closure, "
+    "expected_quality, quality_sd, worst_quality, noise_samples"
 )
 """As ``trial_values`` gives them."""
 DETAIL_COLUMNS = (
@@ -26,7 +35,7 @@ SELECT_WHOLE = (
 """Rows as ``to_stamped_grasp`` takes them."""
 
 
-def trial_values(stamped: StampedGrasp) -> tuple[float | int, ...]:
+def trial_values(stamped: StampedGrasp) -> tuple[float | int | None, ...]:
     """Return what ``trial`` holds of a trial."""
     grasp = stamped.grasp
     pose = grasp.T_object_tcp
@@ -40,7 +49,12 @@ def trial_values(stamped: StampedGrasp) -> tuple[float | int, ...]:
         grasp.volume,
         grasp.isotropy,
         int(grasp.force_closure),
+        *_under_noise_values(grasp.under_noise),
     )
+
+
+def _under_noise_values(known: QualityUnderNoise | None) -> tuple[float | int | None, ...]:
+    return (None,) * 4 if known is None else (known.expected, known.sd, known.worst, known.samples)
 
 
 def detail_values(grasp: Grasp) -> tuple[float | str | bytes, ...]:
@@ -68,7 +82,7 @@ def to_stamped_grasp(row: tuple[Any, ...], object_id: str) -> StampedGrasp:
         ValueError: a value cannot be what it stands for (``TypeError`` for one of another kind).
     """
     (stamp_ns, outcome, quality, px, py, pz, qx, qy, qz, qw, epsilon, volume, isotropy, closure,
-     hand, seconds, message, names, positions, links, vectors) = row  # fmt: skip
+     expected, sd, worst, samples, hand, seconds, message, names, positions, links, vectors) = row  # fmt: skip
     contact_vectors = np.frombuffer(vectors, dtype="<f8").reshape(-1, 2, 3)
     contacts = tuple(
         GraspContact(link, position, normal)
@@ -89,5 +103,6 @@ def to_stamped_grasp(row: tuple[Any, ...], object_id: str) -> StampedGrasp:
         hand=str(hand),
         computation_time=_or_nan(seconds),
         message=str(message),
+        under_noise=None if samples is None else QualityUnderNoise(expected, sd, worst, samples),
     )
     return StampedGrasp(int(stamp_ns), grasp)

@@ -183,7 +183,7 @@ class TrialStore:
     ) -> bool:
         cursor = connection.execute(
             f"INSERT OR IGNORE INTO trial (object, session, hand_volume, {TRIAL_COLUMNS}) "
-            "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+            "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
             (
                 self._object_key,
                 self._session,

@@ -100,6 +100,27 @@ def test_occlusions_of_the_request_filter_the_best(filled: Desk) -> None:
     assert [g.quality for g in filled.ask(max_grasps=10, min_diversity=0.1).grasps] == [0.5]
 
 
+def test_the_best_may_be_asked_for_by_what_is_known_under_noise(filled: Desk) -> None:
+    for expected, worst in ((0.35, 0.1), (0.3, 0.2)):
+        filled.add(0.2, expected_quality=expected, quality_sd=0.05, worst_quality=worst, noise_samples=8)
+    wait_until(lambda: filled.stored() == 5)
+    reply = filled.ask(ranking=GetBestGrasp.Request.RANK_EXPECTED, max_grasps=10)
+    assert [g.expected_quality for g in reply.grasps] == [0.35, 0.3]
+    assert (reply.error_code, reply.considered, reply.passed_over) == (reply.NONE, 2, 3)
+    assert "3 grasps were passed over" in reply.message
+    reply = filled.ask(ranking=GetBestGrasp.Request.RANK_WORST)
+    assert [(g.worst_quality, g.quality_sd, g.noise_samples) for g in reply.grasps] == [(0.2, 0.05, 8)]
+    for quantile, figure in ((0.0, 0.35 - 1.645 * 0.05), (0.5, 0.35)):
+        for limit, expected_count in ((figure - 1e-3, 1), (figure + 1e-3, 0)):
+            reply = filled.ask(
+                ranking=GetBestGrasp.Request.RANK_QUANTILE, quantile=quantile, min_quality=limit
+            )
+            assert len(reply.grasps) == expected_count
+    assert reply.error_code == reply.NO_GRASP_STORED
+    reply = filled.ask()
+    assert (reply.grasps[0].quality, reply.passed_over, reply.message) == (0.5, 0, "")
+
+
 def test_occlusions_of_the_topic_are_known_until_ignored(filled: Desk) -> None:
     occlusions = filled.probe.publisher(OcclusionArray, "occlusions", qos.LATCHED)
     seen = len(filled.best.messages)
@@ -251,7 +272,8 @@ def test_bad_requests_get_a_code_and_the_node_goes_on(filled: Desk) -> None:
         reply = filled.ask(occlusion)
         assert (reply.error_code, list(reply.grasps)) == (reply.INVALID_REQUEST, [])
         assert reply.message
-    for fields in ({"min_quality": math.nan}, {"min_quality": -1.0}, {"min_diversity": math.inf}, {"rule": 9}):
+    bad_numbers = ({"min_quality": math.nan}, {"min_quality": -1.0}, {"min_diversity": math.inf}, {"rule": 9})
+    for fields in (*bad_numbers, {"ranking": 9}, {"quantile": 0.7}):
         reply = filled.ask(**fields)
         assert reply.error_code == reply.INVALID_REQUEST
     assert filled.ask().grasps[0].quality == 0.5

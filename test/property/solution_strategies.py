@@ -12,6 +12,7 @@ from mebo_grasp.grasp import (
     GraspOutcome,
     HandPosture,
     Pose,
+    QualityUnderNoise,
     StampedGrasp,
 )
 from mebo_grasp.solutions.occlusion import Box, Cone, Cylinder, Occlusion, Sphere
@@ -56,6 +57,13 @@ qualities = st.one_of(st.sampled_from([0.0, 0.1, 0.2, 0.3]), st.floats(-0.1, 1.0
 
 
 @st.composite
+def figures_under_noise(draw: st.DrawFn) -> QualityUnderNoise:
+    worst = draw(st.sampled_from([-0.1, 0.0, 0.1, 0.2]))
+    above, sd = (draw(st.sampled_from([0.0, 0.1, 0.25])) for _ in range(2))
+    return QualityUnderNoise(worst + above, sd, worst, draw(st.integers(1, 2**32 - 1)))
+
+
+@st.composite
 def grasps(draw: st.DrawFn) -> Grasp:
     pose = draw(poses())
     outcome = draw(st.sampled_from(GraspOutcome))
@@ -75,6 +83,7 @@ def grasps(draw: st.DrawFn) -> Grasp:
         hand=draw(names),
         computation_time=draw(st.integers(0, 10**12)) / 1e9,
         message=draw(names),
+        under_noise=draw(st.none() | figures_under_noise()),
     )
 
 
@@ -100,7 +109,8 @@ def occlusions(draw: st.DrawFn, max_size: int = 4) -> tuple[Occlusion, ...]:
 
 
 def many_grasps(count: int, rng: np.random.Generator, object_id: str = OBJECT) -> list[StampedGrasp]:
-    """Plain random grasps for tests that need many."""
+    """Plain random grasps for tests that need many; of every third the quality under noise is known."""
+    noise = rng.spawn(1)[0]
     quaternions = rng.standard_normal((count, 4))
     quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
     return [
@@ -111,6 +121,7 @@ def many_grasps(count: int, rng: np.random.Generator, object_id: str = OBJECT) -
                 GraspOutcome.GRASPED,
                 float(rng.uniform(0.01, 1.0)),
                 object_id=object_id,
+                under_noise=None if i % 3 else QualityUnderNoise.of(noise.normal(0.3, 0.1, 4)),
             ),
         )
         for i in range(count)
@@ -140,6 +151,7 @@ def same_grasp(a: Grasp, b: Grasp) -> bool:
             for x, y in zip(a.contacts, b.contacts, strict=True)
         )
         and a.hand_posture == b.hand_posture
+        and a.under_noise == b.under_noise
         and (a.object_id, a.hand, a.message) == (b.object_id, b.hand, b.message)
         and abs(a.computation_time - b.computation_time) < 1e-9
     )

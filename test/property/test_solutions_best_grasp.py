@@ -1,17 +1,19 @@
 """The archive's answers are those of a plain loop over all stored grasps."""
 
 import math
+from statistics import NormalDist
 
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from mebo_grasp.grasp import Pose, StampedGrasp
+from mebo_grasp.grasp import Grasp, Pose, StampedGrasp
 from mebo_grasp.solutions.archive import SolutionArchive
 from mebo_grasp.solutions.best_grasp import BestGraspAnswer, BestGraspQuery
 from mebo_grasp.solutions.diversity import PoseMetric
 from mebo_grasp.solutions.occlusion import Occlusion, Sphere
+from mebo_grasp.solutions.ranking import Ranking
 from test.property.solution_strategies import OBJECT, many_grasps, occlusions, trials
 
 METRIC = PoseMetric(rotation_weight=0.05)
@@ -31,14 +33,26 @@ def is_blocked(query: BestGraspQuery, stamped: StampedGrasp) -> bool:
     return any(occlusion.contains(point[None])[0] for occlusion in query.occlusions)
 
 
+def figure(query: BestGraspQuery, grasp: Grasp) -> float | None:
+    """What ranks a grasp; None when it is not known."""
+    known = grasp.under_noise
+    if query.ranking is Ranking.OBSERVED:
+        return grasp.quality
+    if known is None:
+        return None
+    lower = known.expected + NormalDist().inv_cdf(query.quantile) * known.sd
+    return {"expected": known.expected, "worst": known.worst, "quantile": lower}[query.ranking]
+
+
 def plain_answer(
     query: BestGraspQuery, stored: list[StampedGrasp], metric: PoseMetric = METRIC
 ) -> tuple[list[int], int, int]:
-    """Stamps, considered, occluded, from one loop over the grasps sorted by quality and stamp."""
+    """Stamps, considered, occluded, from one loop over the grasps sorted by figure and stamp."""
     chosen: list[StampedGrasp] = []
     considered = occluded = 0
-    good = [s for s in stored if s.grasp.quality > 0 and s.grasp.quality >= query.min_quality]
-    for stamped in sorted(good, key=lambda s: (-s.grasp.quality, s.stamp_ns)):
+    graspable = [(figure(query, s.grasp), s) for s in stored if s.grasp.quality > 0]
+    good = [(y, s) for y, s in graspable if y is not None and y > 0 and y >= query.min_quality]
+    for _, stamped in sorted(good, key=lambda pair: (-pair[0], pair[1].stamp_ns)):
         if len(chosen) == query.max_grasps:
             break
         considered += 1
@@ -68,6 +82,9 @@ def check(
         (blocker,) = (occlusion for occlusion in query.occlusions if occlusion.id == name)
         assert count <= blocker.contains(tcps).sum()
     assert bool(answer.explanation) == (not answer.grasps)
+    graspable = [s.grasp for s in stored if s.grasp.quality > 0]
+    assert answer.passed_over == sum(figure(query, grasp) is None for grasp in graspable)
+    assert (str(answer.passed_over) in answer.remark) == (answer.passed_over > 0)
 
 
 queries = st.builds(
@@ -76,6 +93,8 @@ queries = st.builds(
     max_grasps=st.integers(1, 6),
     min_quality=st.sampled_from([0.0, 0.1, 0.25, 2.0]),
     min_diversity=st.sampled_from([0.0, 0.02, 0.1, 0.3]),
+    ranking=st.sampled_from(Ranking),
+    quantile=st.sampled_from([0.05, 0.3, 0.5]),
 )
 
 

@@ -40,7 +40,8 @@ def perform(connection: sqlite3.Connection, name: str, stamp: int, quality: floa
     key = "object = 1 AND stamp_ns"
     if name == "add":
         connection.execute(
-            "INSERT OR IGNORE INTO trial VALUES (1, ?, 1, 0, ?, 1, 2, 3, 0, 0, 0, 1, 0, 0, 0, 0, ?)",
+            "INSERT OR IGNORE INTO trial VALUES "
+            "(1, ?, 1, 0, ?, 1, 2, 3, 0, 0, 0, 1, 0, 0, 0, 0, ?, 0.3, 0.1, 0.2, 5)",
             (stamp, quality, volume_of(stamp)),
         )
     elif name == "change":
@@ -61,6 +62,7 @@ def read_with_chunks(connection: sqlite3.Connection) -> tuple[int, list[Row]]:
         for grasp, begin, end in zip(block.grasps, [0, *ends], ends, strict=False):
             np.testing.assert_array_equal(grasp["position"], [1, 2, 3])
             np.testing.assert_array_equal(grasp["quaternion"], [0, 0, 0, 1])
+            np.testing.assert_array_equal(grasp["under_noise"], [0.3, 0.1, 0.2])
             rows.append((int(grasp["stamp"]), float(grasp["quality"]), bytes(block.volumes[begin:end])))
     return trials, rows
 

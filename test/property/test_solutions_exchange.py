@@ -1,8 +1,10 @@
 """Trials survive the way through CSV, JSON lines and MCAP; broken files give typed errors."""
 
 import contextlib
+import csv
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,16 +14,17 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from mebo_grasp.errors import ArchiveError, InvalidFileError
-from mebo_grasp.grasp import StampedGrasp
+from mebo_grasp.grasp import Grasp, GraspOutcome, Pose, QualityUnderNoise, StampedGrasp
 from mebo_grasp.solutions.archive import SolutionArchive
 from mebo_grasp.solutions.exchange import (
+    NOISE_NUMBERS,
     import_trials,
     read_csv,
     read_jsonl,
     write_csv,
     write_jsonl,
 )
-from msg_adapters.mcap import read_mcap, write_mcap
+from msg_adapters.mcap import message_definition, read_mcap, write_mcap
 from test.property.solution_strategies import OBJECT, same_grasp, trials
 
 Write = Callable[[Iterable[StampedGrasp], Path], int]
@@ -94,8 +97,31 @@ def test_the_line_that_is_wrong_is_named_and_nothing_is_stored(tmp_path: Path) -
         with pytest.raises(ArchiveError, match="'mug'"):
             import_trials(archive, lambda: read_jsonl(path))
         assert len(archive) == 0
+        partly = good.replace('"hand": ""', '"hand": "", "expected_quality": 0.4')
+        path.write_text(partly % (1, 0.5), encoding="utf-8")
+        with pytest.raises(InvalidFileError, match="noise_samples either all or none"):
+            import_trials(archive, lambda: read_jsonl(path))
         path.write_text(good % (1, 0.5), encoding="utf-8")
         assert import_trials(archive, lambda: read_jsonl(path)) == 1
+
+
+def test_files_of_before_quality_under_noise_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    known = QualityUnderNoise(0.4, 0.1, 0.2, 5)
+    trial = StampedGrasp(1, Grasp(Pose.identity(), GraspOutcome.GRASPED, 0.5, under_noise=known))
+    table, recording = tmp_path / "grasps.csv", tmp_path / "grasps.mcap"
+    write_csv([trial], table)
+    with table.open(newline="") as file:
+        rows = [row[: -len(NOISE_NUMBERS)] for row in csv.reader(file)]
+    with table.open("w", newline="") as file:
+        csv.writer(file).writerows(rows)
+    definition = message_definition()
+    lines = definition.split("\n")
+    older = "\n".join(line for line in lines if line.split()[1:2] not in [[name] for name in NOISE_NUMBERS])
+    assert len(older.split("\n")) == len(lines) - len(NOISE_NUMBERS)
+    monkeypatch.setattr("msg_adapters.mcap.message_definition", lambda: older)
+    write_mcap([trial], recording, OBJECT)
+    for found in (*read_csv(table), *read_mcap(recording, OBJECT)):
+        assert same_grasp(found.grasp, replace(trial.grasp, under_noise=None))
 
 
 def test_missing_columns_and_files_are_named(tmp_path: Path) -> None:

@@ -10,8 +10,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from mebo_grasp.errors import InvalidPoseError
-from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, HandPosture, Pose
+from mebo_grasp.errors import InvalidPoseError, InvalidQualityError
+from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, HandPosture, Pose, QualityUnderNoise
 
 COORDINATES = st.floats(-10.0, 10.0, allow_nan=False)
 
@@ -131,3 +131,28 @@ def test_contacts_built_together_are_those_built_one_by_one() -> None:
             GraspContact.from_rows(("a", "b"), points, bad)
     with pytest.raises(InvalidPoseError):
         GraspContact.from_rows(("a",), points, normals)
+
+
+def test_repeated_executions_are_summed_up_and_failed_ones_left_out() -> None:
+    known = QualityUnderNoise.of([0.2, 0.4, math.nan, 0.6])
+    assert known is not None
+    np.testing.assert_allclose((known.expected, known.sd, known.worst), (0.4, 0.2, 0.2))
+    assert known.samples == 3
+    assert QualityUnderNoise.of([0.3]) == QualityUnderNoise(0.3, 0.0, 0.3, 1)
+    assert QualityUnderNoise.of([math.nan]) is None
+    assert QualityUnderNoise.of([0.1] * 3) is not None  # their mean is below 0.1 by rounding, or above
+
+
+@pytest.mark.parametrize(
+    ("figures", "words"),
+    [
+        ((0.4, 0.1, 0.2, 0), "at least 1 sample, got 0"),
+        ((math.nan, 0.1, 0.2, 3), "expected nan"),
+        ((0.4, -0.1, 0.2, 3), "sd -0.1"),
+        ((0.4, 0.1, math.inf, 3), "worst inf"),
+        ((0.4, 0.1, 0.5, 3), "worst quality 0.5 cannot be above the expected one, 0.4"),
+    ],
+)
+def test_figures_under_noise_that_cannot_be_are_refused(figures, words: str) -> None:
+    with pytest.raises(InvalidQualityError, match=words):
+        QualityUnderNoise(*figures)

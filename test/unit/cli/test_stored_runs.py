@@ -15,7 +15,7 @@ import trimesh
 from mebo_grasp.cli.filters import parse_occlusion
 from mebo_grasp.cli.main import main
 from mebo_grasp.errors import InvalidOcclusionError
-from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, Pose, StampedGrasp
+from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, Pose, QualityUnderNoise, StampedGrasp
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.hand_volumes import HandVolumes
 from mebo_grasp.solutions.archive import SolutionArchive
@@ -23,6 +23,7 @@ from mebo_grasp.solutions.best_grasp import BestGraspQuery
 from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.exchange import from_record
 from mebo_grasp.solutions.occlusion import Box, Cone, Cylinder, Sphere, TriangleMesh
+from mebo_grasp.solutions.ranking import Ranking
 from test.property.solution_strategies import same_grasp
 
 HAND = HandModel.load("icub_left")
@@ -30,8 +31,8 @@ UPPER_HALF = "box:1,1,1@0,0,0.5"
 
 
 def trials(count: int = 60) -> list[StampedGrasp]:
-    """Grasps around a bottle; every tenth trial failed."""
-    rng = np.random.default_rng(4)
+    """Grasps around a bottle; every tenth trial failed, and of two in three the quality under noise is known."""
+    rng, noise = np.random.default_rng(4), np.random.default_rng(5)
     contact = GraspContact("l_index_3_link", np.array([0.03, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0]))
     found = []
     for stamp in range(count):
@@ -40,9 +41,10 @@ def trials(count: int = 60) -> list[StampedGrasp]:
             grasp = Grasp.failed(pose, "no answer", "bottle", HAND.name)
         else:
             quality = float(rng.uniform(0.1, 1.0))
+            known = None if stamp % 3 == 0 else QualityUnderNoise.of(quality + noise.normal(0.0, 0.3, 3))
             grasp = Grasp(
                 pose, GraspOutcome.GRASPED, quality, quality, contacts=(contact,),
-                hand_posture=HAND.posture(), object_id="bottle", hand=HAND.name,
+                hand_posture=HAND.posture(), object_id="bottle", hand=HAND.name, under_noise=known,
             )  # fmt: skip
         found.append(StampedGrasp(stamp, grasp))
     return found
@@ -78,6 +80,10 @@ FILTERS = [
     (["--approach-length", "0.5"], {"rule": BlockingRule.HAND, "approach_length": 0.5}),
     (["--min-quality", "0.93"], HAND_RULE | {"min_quality": 0.93}),
     (["--min-diversity", "0.25"], HAND_RULE | {"min_diversity": 0.25}),
+    (["--rank-by", "expected"], HAND_RULE | {"ranking": Ranking.EXPECTED}),
+    (["--rank-by", "worst"], HAND_RULE | {"ranking": Ranking.WORST}),
+    (["--rank-by", "quantile"], HAND_RULE | {"ranking": Ranking.QUANTILE}),
+    (["--rank-by", "quantile", "--quantile", "0.2"], HAND_RULE | {"ranking": Ranking.QUANTILE, "quantile": 0.2}),
 ]
 
 
@@ -124,6 +130,19 @@ def test_best_says_what_blocked_and_by_its_exit_code_that_nothing_is_left(
     out = capsys.readouterr().out
     assert "all 54 grasps" in out
     assert everything in out
+
+
+def test_best_by_a_figure_shows_it_and_says_how_many_lack_it(
+    run_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["best", str(run_folder), "--rank-by", "expected"]) == 0
+    (best,) = answer_of(run_folder, BestGraspQuery(ranking=Ranking.EXPECTED))
+    assert best.grasp.under_noise is not None
+    header, row, line = capsys.readouterr().out.splitlines()
+    assert header.split()[-3:] == ["expected", "sd", "worst"]
+    known = best.grasp.under_noise
+    assert row.split()[-3:] == [f"{value:.4f}" for value in (known.expected, known.sd, known.worst)]
+    assert "18 grasps were passed over, as their expected quality is not known" in line
 
 
 def test_a_margin_blocks_what_is_beside(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

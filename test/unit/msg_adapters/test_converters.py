@@ -1,6 +1,7 @@
 """What the converters refuse, and with which words."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,9 +16,18 @@ from mebo_grasp.errors import (
     InvalidMessageError,
     InvalidOcclusionError,
     InvalidPoseError,
+    InvalidQualityError,
     WrongFrameError,
 )
-from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, HandPosture, Pose, StampedGrasp
+from mebo_grasp.grasp import (
+    Grasp,
+    GraspContact,
+    GraspOutcome,
+    HandPosture,
+    Pose,
+    QualityUnderNoise,
+    StampedGrasp,
+)
 from mebo_grasp.solutions.diversity import PoseMetric
 from mebo_grasp.solutions.frames import FrameTransform, FrameTree
 from mebo_grasp.solutions.occlusion import (
@@ -101,6 +111,20 @@ def test_a_value_that_is_not_finite_is_refused(name: str, value: float) -> None:
 def test_a_failed_trial_with_a_value_is_refused() -> None:
     with pytest.raises(InvalidMessageError, match="must be NaN"):
         from_grasp_quality_msg(quality_msg(outcome=GraspQuality.FAILED), "bottle")
+
+
+def test_figures_under_noise_stand_in_their_fields_and_count_with_samples_alone() -> None:
+    known = QualityUnderNoise(0.35, 0.05, 0.2, 8)
+    message = to_grasp_quality_msg(StampedGrasp(1, replace(GRASP, under_noise=known)), "bottle")
+    figures = (message.expected_quality, message.quality_sd, message.worst_quality, message.noise_samples)
+    assert figures == (0.35, 0.05, 0.2, 8)
+    message = quality_msg()
+    assert math.isnan(message.expected_quality + message.quality_sd + message.worst_quality)
+    assert message.noise_samples == GraspQuality().noise_samples == 0
+    assert from_grasp_quality_msg(message, "bottle").grasp.under_noise is None
+    assert from_grasp_quality_msg(quality_msg(worst_quality=0.0), "bottle").grasp.under_noise is None
+    with pytest.raises(InvalidQualityError, match="finite"):
+        from_grasp_quality_msg(quality_msg(noise_samples=3), "bottle")
 
 
 def test_an_unknown_outcome_is_refused_and_the_known_are_named() -> None:

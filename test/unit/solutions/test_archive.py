@@ -11,6 +11,7 @@ from mebo_grasp.grasp import Grasp, GraspOutcome, Pose, StampedGrasp
 from mebo_grasp.solutions.archive import AddStatus, SolutionArchive
 from mebo_grasp.solutions.best_grasp import BestGraspQuery
 from mebo_grasp.solutions.occlusion import Box, Occlusion, Sphere
+from mebo_grasp.solutions.ranking import Ranking, figures_under_noise
 
 EVERYWHERE = Occlusion("everywhere", Sphere(10.0), Pose.identity())
 
@@ -149,8 +150,31 @@ def test_an_archive_without_object_is_refused() -> None:
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("max_grasps", 0), ("min_quality", math.nan), ("min_quality", -1.0), ("min_diversity", math.inf)],
+    [
+        ("max_grasps", 0),
+        ("min_quality", math.nan),
+        ("min_quality", -1.0),
+        ("min_diversity", math.inf),
+        ("quantile", 0.0),
+        ("quantile", 0.6),
+        ("quantile", math.nan),
+    ],
 )
 def test_questions_out_of_range_are_refused(field: str, value: float) -> None:
     with pytest.raises(InvalidQueryError, match=field):
         BestGraspQuery(**{field: value})  # type: ignore[arg-type]
+
+
+def test_the_quantile_is_that_of_a_normal_distribution() -> None:
+    under_noise = np.array([[0.5, 0.1, 0.0], [math.nan] * 3])
+    found = figures_under_noise(Ranking.QUANTILE, under_noise, 0.05)
+    np.testing.assert_allclose(found, [0.5 - 1.6448536 * 0.1, math.nan], atol=1e-8)
+
+
+def test_when_the_figure_is_known_of_no_grasp_the_answer_says_so(archive: SolutionArchive) -> None:
+    archive.add(trial(1, 0.5))
+    answer = archive.best(BestGraspQuery(ranking=Ranking.WORST))
+    assert not answer.grasps
+    assert answer.explanation == (
+        "no grasp of enough worst quality is stored; 1 grasps were passed over, as their worst quality is not known"
+    )

@@ -12,11 +12,11 @@ import trimesh
 from PIL import Image
 
 from mebo_grasp.errors import InvalidFileError
-from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, Pose, StampedGrasp
+from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, Pose, QualityUnderNoise, StampedGrasp
 from mebo_grasp.solutions.diversity import PoseMetric
 from mebo_grasp.solutions.hand_volume import HandVolume
 from mebo_grasp.solutions.occlusion import Box, Cone, Cylinder, Occlusion, Sphere, TriangleMesh
-from mebo_grasp.solutions.page import Mesh, hand_mesh, shape_mesh, write_page
+from mebo_grasp.solutions.page import Mesh, grasp_numbers, hand_mesh, page_template, shape_mesh, write_page
 from mebo_grasp.solutions.solution_set import SolutionSet
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
@@ -157,6 +157,12 @@ def test_the_slider_and_the_list_choose_what_is_shown(tmp_path: Path) -> None:
     seen = colored(path)
     assert seen["blue"] > 500
     assert max(seen["green"], seen["red"]) < 40, seen
+
+
+def test_the_table_has_a_column_for_each_number_of_a_grasp() -> None:
+    grasp = Grasp(Pose.identity(), GraspOutcome.GRASPED, 0.5, under_noise=QualityUnderNoise(0.4, 0.1, 0.2, 5))
+    assert grasp_numbers(grasp)[-1] == "0.4000 ± 0.1000, 0.2000"
+    assert page_template().count("<th>") == len(grasp_numbers(grasp)) + 2  # colour and number
 
 
 def test_a_number_that_is_not_known_does_not_break_the_page(tmp_path: Path) -> None:

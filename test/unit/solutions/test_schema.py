@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from mebo_grasp.errors import ArchiveError, InvalidQueryError
-from mebo_grasp.grasp import Grasp, GraspOutcome, Pose, StampedGrasp
+from mebo_grasp.grasp import Grasp, GraspOutcome, Pose, QualityUnderNoise, StampedGrasp
 from mebo_grasp.solutions.archive import SolutionArchive
 from mebo_grasp.solutions.best_grasp import BestGraspQuery
 from mebo_grasp.solutions.blocking import BlockingRule
 from mebo_grasp.solutions.hand_volume import HandVolume
 from mebo_grasp.solutions.occlusion import Occlusion, Sphere
+from mebo_grasp.solutions.ranking import Ranking
 from mebo_grasp.solutions.schema import MIGRATIONS, prepare_schema, schema_version
 from mebo_grasp.solutions.trial_chunks import CHUNK_TRIALS
 
@@ -49,7 +50,7 @@ def test_an_archive_of_version_1_keeps_its_trials_and_learns_hand_volumes(tmp_pa
         assert archive.best(BY_HAND).occluded == 1
         assert len(archive.best(BestGraspQuery((BEHIND,))).grasps) == 1
     connection = sqlite3.connect(path)
-    assert schema_version(connection) == len(MIGRATIONS) == 4
+    assert schema_version(connection) == len(MIGRATIONS) == 5
     (stored,) = connection.execute("SELECT hand_volume FROM trial WHERE stamp_ns = 10").fetchone()
     connection.close()
     np.testing.assert_array_equal(np.frombuffer(stored, "<i2").reshape(-1, 7), BALL.packed())
@@ -99,23 +100,47 @@ def test_a_trial_that_was_changed_by_hand_is_read_as_it_is_now(tmp_path: Path) -
         assert [s.stamp_ns for s in archive.best().grasps] == [100]
 
 
-def test_an_archive_of_version_3_is_packed_when_it_is_opened(tmp_path: Path) -> None:
+@pytest.mark.parametrize("version", [3, 4])
+def test_an_older_archive_is_packed_anew_when_it_is_opened(tmp_path: Path, version: int) -> None:
     path = tmp_path / "archive.db"
     connection = sqlite3.connect(path, isolation_level=None)
-    prepare_schema(connection, str(path), MIGRATIONS[:3])
+    prepare_schema(connection, str(path), MIGRATIONS[:version])
     connection.execute("INSERT INTO object (id, name) VALUES (1, 'bottle')")
     for stamp in range(CHUNK_TRIALS + 1):
         connection.execute(
-            "INSERT INTO trial VALUES (1, ?, 1, 0, ?, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, NULL, x'')",
+            "INSERT INTO trial (object, stamp_ns, session, outcome, quality, px, py, pz, qx, qy, qz, qw, "
+            "force_closure) VALUES (1, ?, 1, 0, ?, 0, 0, 0, 0, 0, 0, 1, 0)",
             (stamp, 0.001 * (stamp + 1)),
         )
         connection.execute(
             "INSERT INTO trial_detail VALUES (1, ?, 'icub', 0.1, '', '[]', x'', '[]', x'')", (stamp,)
         )
+    if version == 4:  # of grasps that are shorter
+        connection.execute("INSERT INTO chunk VALUES (1, 255, 0, 256, x'00000000', x'00000000')")
     connection.close()
     with SolutionArchive(path, "bottle") as archive:
         assert len(archive) == CHUNK_TRIALS + 1
+        assert {stamped.grasp.under_noise for stamped in archive.grasps} == {None}
         assert archive.best(BestGraspQuery(min_quality=0.2565)).considered == 1
+    connection = sqlite3.connect(path)
+    assert connection.execute("SELECT trials FROM chunk").fetchall() == [(CHUNK_TRIALS,)]
+    connection.close()
+
+
+def test_figures_under_noise_are_found_again_in_chunks_and_behind_them(tmp_path: Path) -> None:
+    path = tmp_path / "archive.db"
+    known = {3: QualityUnderNoise(0.4, 0.2, 0.1, 5), CHUNK_TRIALS: QualityUnderNoise(0.3, 0.1, 0.2, 7)}
+    with SolutionArchive(path, "bottle") as archive:
+        archive.add_many(
+            StampedGrasp(stamp, Grasp(Pose.identity(), GraspOutcome.GRASPED, 0.5, under_noise=known.get(stamp)))
+            for stamp in range(CHUNK_TRIALS + 1)
+        )
+    with SolutionArchive(path, "bottle") as archive:
+        for ranking, stamps in ((Ranking.EXPECTED, [3, CHUNK_TRIALS]), (Ranking.WORST, [CHUNK_TRIALS, 3])):
+            answer = archive.best(BestGraspQuery(max_grasps=9, ranking=ranking))
+            assert [s.stamp_ns for s in answer.grasps] == stamps
+            assert [s.grasp.under_noise for s in answer.grasps] == [known[stamp] for stamp in stamps]
+            assert answer.passed_over == CHUNK_TRIALS - 1
     connection = sqlite3.connect(path)
     assert connection.execute("SELECT trials FROM chunk").fetchall() == [(CHUNK_TRIALS,)]
     connection.close()
