@@ -14,7 +14,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from mebo_grasp.errors import InvalidSettingsError
-from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, HandPosture, Pose
+from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, HandPosture, Pose, QualityUnderNoise
 from mebo_grasp.grasping.pose_space import PoseSpace
 from mebo_grasp.grasping.simulator import GraspSimulator
 
@@ -158,10 +158,24 @@ class InexactHand:
         simulator: object, hand and settings.
         noise: what is uncertain; ``unit`` is left out. Without any, a trial is the simulator's, bit for bit.
         rng: source of the noise, drawn in the order of the trials.
+        repetitions: a trial that ends in a quality above 0 is executed so many times more, and the grasp carries
+            what they came to as ``under_noise``.
+
+    Raises:
+        InvalidSettingsError: a negative number of repetitions, or repetitions without noise, which would be equal.
     """
 
-    def __init__(self, simulator: GraspSimulator, noise: ExecutionNoise, rng: np.random.Generator) -> None:
-        self._simulator, self._noise, self._rng = simulator, noise, rng
+    def __init__(
+        self, simulator: GraspSimulator, noise: ExecutionNoise, rng: np.random.Generator, repetitions: int = 0
+    ) -> None:
+        if repetitions < 0:
+            raise InvalidSettingsError(f"repetitions is {repetitions}; it must be at least 1, or 0 for none")
+        if repetitions and noise == ExecutionNoise():
+            raise InvalidSettingsError(
+                f"repetitions is {repetitions}, but all noise is 0, so that they would be equal; set a noise, or "
+                "repetitions to 0"
+            )
+        self._simulator, self._noise, self._rng, self._repetitions = simulator, noise, rng, repetitions
 
     def trial(self, T_object_tcp: Pose, preshape: HandPosture | None = None) -> Grasp:
         """Execute one trial; contacts and metrics are those of the pose that noise led to.
@@ -175,8 +189,14 @@ class InexactHand:
         """
         if self._noise == ExecutionNoise():
             return self._simulator.trial(T_object_tcp, preshape)
-        executed = execute(self._simulator, T_object_tcp, self._noise, self._rng, preshape)
-        return replace(executed, T_object_tcp=T_object_tcp)
+        executed = replace(self._execute(T_object_tcp, preshape), T_object_tcp=T_object_tcp)
+        if not executed.quality > 0.0:
+            return executed
+        further = [self._execute(T_object_tcp, preshape).quality for _ in range(self._repetitions)]
+        return replace(executed, under_noise=QualityUnderNoise.of(further))
+
+    def _execute(self, pose: Pose, preshape: HandPosture | None) -> Grasp:
+        return execute(self._simulator, pose, self._noise, self._rng, preshape)
 
 
 def execute_repeatedly(

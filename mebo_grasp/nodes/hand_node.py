@@ -66,7 +66,9 @@ class HandNode(Node):
             friction=settings.friction_noise,
             normal=settings.normal_noise,
         )
-        self._robot = InexactHand(self._simulator, noise, np.random.default_rng(settings.noise_seed))
+        self._robot = InexactHand(
+            self._simulator, noise, np.random.default_rng(settings.noise_seed), settings.repetitions
+        )
         self._next_stamp = StampSource(lambda: self.get_clock().now().nanoseconds, offset_ns=random_offset())
         self._marker_period = 1.0 / settings.marker_rate if settings.marker_rate > 0 else float("inf")
         self._markers_due = 0.0

@@ -54,6 +54,10 @@ class HandNodeSettings:
         0.0, "standard deviation of the tilt of contact normals, about two axes [rad]", least=0.0, most=1.5
     )
     noise_seed: int = parameter(1, "seed of these noises, which are drawn trial by trial", least=0)
+    repetitions: int = parameter(
+        0, "further executions of a grasp with these noises: tells its expected, sd and worst quality; 0: none",
+        least=0, most=10_000,
+    )
     expects_posture: bool = parameter(
         False, "whether a candidate_posture of the same stamp belongs to every candidate_pose (space pose_posture)"
     )

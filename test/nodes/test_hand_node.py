@@ -111,9 +111,11 @@ def test_a_candidate_without_a_stamp_is_given_one(launch, probe: Probe, middle: 
     assert (second.sec, second.nanosec) > (first.sec, first.nanosec)
 
 
-def test_an_inexact_hand_answers_with_the_commanded_pose(launch, probe: Probe, middle: Pose) -> None:
+def test_an_inexact_hand_answers_with_the_commanded_pose_and_what_repeating_gives(
+    launch, probe: Probe, middle: Pose
+) -> None:
     qualities = probe.listen(GraspQuality, "grasp_quality", qos.QUALITIES)
-    launch("hand_node", object=OBJECT, position_noise=0.003, rotation_noise=0.02, noise_seed=4)
+    launch("hand_node", object=OBJECT, position_noise=0.003, rotation_noise=0.02, noise_seed=4, repetitions=2)
     candidates = probe.publisher(PoseStamped, "candidate_pose", qos.CANDIDATES)
     sent = [to_pose_stamped_msg(second * 10**9, OBJECT, middle) for second in (1, 2)]
     for message in sent:
@@ -122,8 +124,12 @@ def test_an_inexact_hand_answers_with_the_commanded_pose(launch, probe: Probe, m
     with GraspSimulator(TargetObject.builtin(OBJECT), HandModel.load("icub_left")) as simulator:
         for answer, message in zip(answers, sent, strict=True):
             assert answer.tcp_pose == message.pose
-            executed = simulator.trial(perturb_pose(middle, 0.003, 0.02, rng))
+            executed, *further = (simulator.trial(perturb_pose(middle, 0.003, 0.02, rng)) for _ in range(3))
             assert list(answer.hand_posture.position) == list(executed.hand_posture.positions)
+            assert executed.quality > 0.0
+            assert answer.noise_samples == 2
+            assert answer.expected_quality == pytest.approx(np.mean([grasp.quality for grasp in further]))
+            assert answer.worst_quality == min(grasp.quality for grasp in further)
     assert answers[0].hand_posture != answers[1].hand_posture
 
 

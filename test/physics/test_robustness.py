@@ -143,3 +143,25 @@ def test_an_inexact_hand_is_executed_elsewhere_than_it_says() -> None:
     assert [grasp.quality for grasp in told] == [grasp.quality for grasp in executed]
     assert len({grasp.hand_posture for grasp in told}) == 3
     assert (exact.quality, exact.hand_posture) == (plain.quality, plain.hand_posture)
+
+
+def test_a_repeated_grasp_carries_what_its_further_executions_came_to() -> None:
+    noise, far = ExecutionNoise(position=0.004, rotation=0.05), Pose.from_rpy([0.0, 0.6, 0.0], [0.0, 0.0, 0.0])
+    with GraspSimulator(BOTTLE, HAND) as simulator:
+        rng = np.random.default_rng(8)
+        first, *further = [execute(simulator, POSE, noise, rng).quality for _ in range(6)]
+        hand = InexactHand(simulator, noise, np.random.default_rng(8), repetitions=5)
+        grasp, missed = hand.trial(POSE), hand.trial(far)
+    assert grasp.quality == first > 0.0
+    assert grasp.under_noise is not None
+    assert grasp.under_noise.samples == 5
+    assert grasp.under_noise.expected == pytest.approx(np.mean(further))
+    assert grasp.under_noise.sd == pytest.approx(np.std(further, ddof=1))
+    assert grasp.under_noise.worst == min(further)
+    assert (missed.quality, missed.under_noise) == (0.0, None)
+
+
+@pytest.mark.parametrize(("repetitions", "noise"), [(-1, ExecutionNoise(position=0.01)), (3, ExecutionNoise())])
+def test_repetitions_that_could_not_tell_anything_are_refused(repetitions: int, noise: ExecutionNoise) -> None:
+    with GraspSimulator(BOTTLE, HAND) as simulator, pytest.raises(InvalidSettingsError, match="repetitions is"):
+        InexactHand(simulator, noise, np.random.default_rng(1), repetitions)
