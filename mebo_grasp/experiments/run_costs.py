@@ -10,7 +10,7 @@ SECONDS = {
     "basin_search": 7.0, "mebo": 0.7, "e_mebo": 0.7, "cl_mebo": 1.2, "mebo_code": 0.7,
     "e_mebo_code": 0.7, "cl_mebo_code": 1.2, "mebo_ei": 0.7, "mebo_ucb": 0.7,
     "bo": 3.2, "bo_pi": 2.5, "bo_ucb": 1.9, "bo_thompson": 2.7, "local_penalization": 2.2, "robot": 2.4,
-    "constraint_active_search": 4.9, "random": 0.01, "sobol": 0.03,
+    "constraint_active_search": 4.9, "ubo": 12.0, "random": 0.01, "sobol": 0.03,
     "cma_bipop": 0.05, "optuna_tpe": 0.4, "botorch_qlogei": 26.0, "botorch_qucb": 20.0, "optuna_gp": 25.0,
     "skopt": 250.0,
 }  # fmt: skip

@@ -28,7 +28,7 @@ from mebo_grasp.nodes import markers, qos
 from mebo_grasp.nodes.candidate_pairs import CandidatePairs
 from mebo_grasp.nodes.clock import StampSource, random_offset
 from mebo_grasp.nodes.parameters import declare
-from mebo_grasp.nodes.runtime import guarded, run_node
+from mebo_grasp.nodes.runtime import guarded, may_be_broken_off, run_node
 from mebo_grasp.nodes.settings import HandNodeSettings
 from msg_adapters.grasp import from_joint_state_msg, to_grasp_quality_msg, to_joint_state_msg
 from msg_adapters.pose import from_pose_stamped_msg
@@ -91,7 +91,8 @@ class HandNode(Node):
         self.get_logger().info("preparing; a first start compiles, which takes minutes")
         start = time.perf_counter()
         space = position_space(self._target, self._hand)
-        self._simulator.trial(space.to_pose((space.lower + space.upper) / 2.0))
+        with may_be_broken_off():
+            self._simulator.trial(space.to_pose((space.lower + space.upper) / 2.0))
         seconds = time.perf_counter() - start
         if seconds > 1.0:
             self.get_logger().info(f"prepared '{self._target.object_id}' in {seconds:.1f} s")

@@ -7,8 +7,10 @@ import gc
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import wraps
+from types import FrameType
 from typing import Any
 
 import rclpy
@@ -94,6 +96,32 @@ def guarded_trigger(method: Callable[[Any], str]) -> Callable[..., Any]:
     return callback
 
 
+class StopSignal:
+    """What Python does at a signal to stop: nothing, for rclpy ends ``spin()``; but a long step may be broken off."""
+
+    def __init__(self) -> None:
+        self.ends_at_once = False
+
+    def __call__(self, _number: int, _frame: FrameType | None) -> None:
+        """End the process if that is allowed now."""
+        if self.ends_at_once:
+            sys.exit()
+
+
+@contextmanager
+def may_be_broken_off() -> Iterator[None]:
+    """Let a signal to stop end the process within the block; for long steps that leave nothing half done."""
+    handlers = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    ours = [handler for handler in handlers if isinstance(handler, StopSignal)]
+    for handler in ours:
+        handler.ends_at_once = True
+    try:
+        yield
+    finally:
+        for handler in ours:
+            handler.ends_at_once = False
+
+
 def forget_garbage() -> None:
     """Leave all that is in memory now out of later garbage collections.
 
@@ -105,14 +133,15 @@ def forget_garbage() -> None:
 
 
 def end_with_parent() -> None:
-    """Have the kernel send SIGINT when the process named by ``PARENT_VARIABLE`` ends, by ``kill -9`` as well.
+    """Have the kernel send SIGTERM when the process named by ``PARENT_VARIABLE`` ends, by ``kill -9`` as well.
 
     Without it the nodes of a killed exploration go on in a domain that the next one takes for its own.
     """
     parent = os.environ.get(PARENT_VARIABLE)
     if parent is None:
         return
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGINT)
+    # Not SIGINT: a shell has its background jobs ignore that one.
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
     if os.getppid() != int(parent):  # it ended before the kernel was asked
         sys.exit()
 
@@ -126,9 +155,10 @@ def run_node(make_node: Callable[[], Node]) -> None:
     # Matrices here are small: threads of the linear algebra cost more than they bring, above all beside
     # other nodes on the same cores.
     threadpool_limits(1)
-    # rclpy itself ends spin() at SIGINT and SIGTERM. Python's KeyboardInterrupt on top of it could come
-    # at any later point, in the middle of closing a database too.
-    signal.signal(signal.SIGINT, lambda _number, _frame: None)
+    # rclpy itself ends spin() at SIGINT and SIGTERM, and then calls what stands here. Python's KeyboardInterrupt on
+    # top of it could come at any later point, in the middle of closing a database too.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, StopSignal())
     rclpy.init(signal_handler_options=SignalHandlerOptions.ALL)
     end_with_parent()
     node: Node | None = None

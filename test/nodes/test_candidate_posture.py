@@ -8,6 +8,7 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from mebo_grasp_interfaces.msg import ExplorationStatus, GraspQuality
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 
 from mebo_grasp.grasp import HandPosture, Pose
 from mebo_grasp.grasping.hand_model import HandModel
@@ -19,7 +20,7 @@ from msg_adapters.grasp import from_joint_state_msg, to_joint_state_msg
 from msg_adapters.pose import from_pose_stamped_msg, to_pose_stamped_msg
 from msg_adapters.time import from_time_msg
 
-from .harness import Probe
+from .harness import Probe, wait_until
 from .scenes import OBJECT
 
 pytestmark = pytest.mark.nodes
@@ -37,7 +38,11 @@ def test_postures_reach_the_hand_and_half_a_candidate_is_answered_as_failed(laun
     postures = probe.listen(JointState, "candidate_posture", qos.CANDIDATES)
     status = probe.listen(ExplorationStatus, "exploration_status", qos.LATCHED)
     launch("hand_node", object=OBJECT, engine="fast", expects_posture=True, posture_timeout=0.5)
-    launch("optimizer_node", object=OBJECT, space="pose_posture", synergies=3, budget=BUDGET, initial_points=BUDGET)
+    launch("optimizer_node", object=OBJECT, space="pose_posture", synergies=3, budget=BUDGET, initial_points=BUDGET,
+           autostart=False)  # fmt: skip
+    # Candidates are not repeated for whoever comes late: the probe must be known before the first one.
+    wait_until(lambda: all(probe.node.count_publishers(f"candidate_{half}") for half in ("pose", "posture")))
+    assert probe.call(Trigger, "optimizer_node/start", Trigger.Request()).success
     final = status.wait_for(lambda message: message.state == ExplorationStatus.FINISHED)
     assert (final.evaluations, final.failed) == (BUDGET, 0)
 

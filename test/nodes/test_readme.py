@@ -12,7 +12,7 @@ from mebo_grasp_interfaces.srv import GetBestGrasp, GetSolutionSet
 from std_srvs.srv import Trigger
 
 from .harness import Probe, wait_until
-from .scenes import Scene
+from .scenes import OBJECT, Scene
 
 pytestmark = pytest.mark.nodes
 
@@ -57,7 +57,10 @@ def scene(launch, probe: Probe, tmp_path: Path) -> Scene:
 
 
 @pytest.mark.usefixtures("scene")
-def test_topics_services_and_calls(probe: Probe) -> None:
+def test_topics_services_and_calls(launch, probe: Probe) -> None:
+    # In the scene's space no candidate has a posture of its own; this hand expects one.
+    launch("hand_node", object=OBJECT, expects_posture=True)
+    wait_until(lambda: "/candidate_posture" in dict(probe.node.get_topic_names_and_types()))
     topics = dict(probe.node.get_topic_names_and_types())
     for topic_cell, type_cell, *_ in table("Topics"):
         topic_names = [name for name in names_in(topic_cell) if "<" not in name]

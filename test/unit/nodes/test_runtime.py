@@ -49,3 +49,32 @@ def test_a_node_ends_when_its_exploration_is_killed() -> None:
     # The pipe is closed when the last process that writes to it has ended: the node, which would sleep on.
     rest, _ = parent.communicate(timeout=30)
     assert rest == ""
+
+
+BUSY = """
+import signal, time
+from mebo_grasp.nodes.runtime import StopSignal, may_be_broken_off
+signal.signal(signal.SIGTERM, StopSignal())
+{before}
+print("up", flush=True)
+time.sleep(2)
+print("done", flush=True)
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "rest"),
+    [
+        ("", "done\n"),
+        ("step = may_be_broken_off(); step.__enter__()", ""),
+        ("with may_be_broken_off(): pass", "done\n"),
+    ],
+)
+def test_a_signal_ends_only_steps_that_may_be_broken_off(before: str, rest: str) -> None:
+    code = BUSY.format(before=before)
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "up\n"
+        process.terminate()
+        assert process.stdout.read() == rest
+        assert process.wait() == 0
