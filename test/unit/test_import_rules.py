@@ -67,7 +67,7 @@ SOLUTION_VALUES = (
 )
 
 ROOMS = (
-    Room("mebo_grasp", (), closed=True),
+    Room("mebo_grasp", ("mebo_grasp.compiled_code",), closed=True),
     Room("mebo_grasp.compiled_code", ()),
     Room("mebo_grasp.errors", ()),
     Room("mebo_grasp.grasp", ("mebo_grasp.errors",)),
