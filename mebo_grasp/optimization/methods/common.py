@@ -44,8 +44,12 @@ class MethodBase:
             self.transform = UnscentedTransform.of_noise(settings.input_noise, space)
 
     def predictor(self, observations: Observations) -> Callable[[FloatArray], FloatArray]:
-        """The surrogate's mean given all values, points (m, d) to means (m,), without learning anything."""
-        raise NotImplementedError(f"{self.name} has no surrogate")
+        """The surrogate's mean given all values, points (m, d) to means (m,), without learning anything.
+
+        Raises:
+            InvalidSettingsError: the method has no surrogate, so that a run cannot be safe.
+        """
+        raise InvalidSettingsError(f"method {self.name} has no surrogate: choose another, or leave out safe")
 
     def outcomes(self, observations: Observations) -> Outcomes | None:
         """What is expected of the observed points under input noise (UBO paper, eq. 14); None if not asked for."""
