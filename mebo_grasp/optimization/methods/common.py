@@ -49,6 +49,7 @@ class MethodBase:
         Raises:
             InvalidSettingsError: the method has no surrogate, so that a run cannot be safe.
         """
+        del observations  # For those that have one.
         raise InvalidSettingsError(f"method {self.name} has no surrogate: choose another, or leave out safe")
 
     def outcomes(self, observations: Observations) -> Outcomes | None:
