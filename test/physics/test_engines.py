@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import gc
+
 import numpy as np
+import pybullet
 import pytest
 import trimesh
 from scipy.optimize import minimize
@@ -74,6 +77,21 @@ def test_compiled_code_may_answer_for_bullet_off_the_surface(name: str) -> None:
             assert bullet > compiled - ENGINES_APART or (compiled < 0.0 and bullet < 0.0)
             assert compiled >= -ENGINES_APART or bullet < 0.0
     assert compared > 100
+
+
+def _worlds() -> int:
+    return sum(pybullet.isConnected(client) for client in range(64))
+
+
+@pytest.mark.parametrize("engine", ["bullet", "fast"])
+def test_a_simulator_that_is_forgotten_gives_its_world_back(engine: EngineName) -> None:
+    gc.collect()
+    before = _worlds()
+    simulator = GraspSimulator(TargetObject.builtin("vase"), LEFT, TrialSettings(engine=engine))
+    assert _worlds() == before + 1
+    del simulator
+    gc.collect()
+    assert _worlds() == before
 
 
 def _brute_force(p: np.ndarray, q: np.ndarray, triangle: np.ndarray) -> float:
