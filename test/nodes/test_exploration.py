@@ -93,6 +93,7 @@ def test_late_subscribers_get_what_is_latched(scene: Scene, probe: Probe) -> Non
 @pytest.mark.parametrize("victim", ["optimizer_node", "hand_node", "solution_set_node"])
 def test_a_killed_node_costs_no_stored_trial(victim: str, launch, probe: Probe, tmp_path: Path) -> None:
     scene = Scene(launch, probe, tmp_path, budget=90)
+    scene.parameters["optimizer_node"]["max_attempts"] = 50  # until a hand is there again, on a busy machine too
     scene.start()
     scene.wait_for_evaluations(12)
     stored_before = scene.stored()
