@@ -94,3 +94,130 @@ def test_a_touching_link_is_within_the_tolerance_in_truth(engine: EngineName) ->
     # Trimesh is asked at points of a rod's axis, which finds its gap to about a micrometre.
     assert gaps.min() > -1e-6
     assert gaps.max() <= settings.gap_tolerance + 1e-6
+
+
+def _worlds() -> int:
+    return sum(pybullet.isConnected(client) for client in range(64))
+
+
+@pytest.mark.parametrize("engine", ["bullet", "fast"])
+def test_a_simulator_that_is_forgotten_gives_its_world_back(engine: EngineName) -> None:
+    gc.collect()
+    before = _worlds()
+    simulator = GraspSimulator(TargetObject.builtin("vase"), LEFT, TrialSettings(engine=engine))
+    assert _worlds() == before + 1
+    del simulator
+    gc.collect()
+    assert _worlds() == before
+
+
+def _brute_force(p: np.ndarray, q: np.ndarray, triangle: np.ndarray) -> float:
+    """Distance between a segment and a triangle as a quadratic programme over both their parameters."""
+
+    def squared(x: np.ndarray) -> float:
+        on_segment = p + x[0] * (q - p)
+        on_triangle = triangle[0] + x[1] * (triangle[1] - triangle[0]) + x[2] * (triangle[2] - triangle[0])
+        return float(np.sum((on_segment - on_triangle) ** 2))
+
+    constraint = {"type": "ineq", "fun": lambda x: 1.0 - x[1] - x[2]}
+    starts = ([0.5, 0.3, 0.3], [0.0, 0.1, 0.1], [1.0, 0.8, 0.1])
+    best = min(
+        float(minimize(squared, x0, bounds=[(0.0, 1.0)] * 3, constraints=constraint, tol=1e-14).fun)
+        for x0 in starts
+    )
+    return float(np.sqrt(max(best, 0.0)))
+
+
+def test_segment_distance_is_that_of_a_quadratic_programme() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(60):
+        triangle, (p, q) = rng.normal(size=(3, 3)), rng.normal(size=(2, 3))
+        found = segment_distance(build_tree(triangle[None]), p, q, 100.0)
+        assert found == pytest.approx(_brute_force(p, q, triangle), abs=2e-5)
+
+
+def test_segment_distance_over_a_tree_is_the_least_over_its_triangles() -> None:
+    mesh = TargetObject.builtin("mug").mesh
+    triangles = np.array(mesh.triangles, dtype=np.float64)
+    tree = build_tree(triangles)
+    rng = np.random.default_rng(6)
+    for _ in range(25):
+        p = rng.uniform(mesh.bounds[0] - 0.02, mesh.bounds[1] + 0.02)
+        q = p + rng.normal(size=3) * 0.02
+        single = min(segment_distance(build_tree(triangle[None]), p, q, 1.0) for triangle in triangles)
+        assert segment_distance(tree, p, q, 1.0) == pytest.approx(single, abs=1e-12)
+        assert segment_distance(tree, p, q, 0.5 * single) == pytest.approx(0.5 * single, abs=1e-12)
+
+
+def test_a_known_triangle_changes_no_distance() -> None:
+    """Whatever triangle is taken for the nearest; the drill is not convex, so that the direction alone does not do."""
+    target = TargetObject.builtin("drill")
+    tree = build_tree(np.array(target.mesh.triangles, dtype=np.float64))
+    rng = np.random.default_rng(9)
+    for _ in range(200):
+        p = rng.uniform(target.bounds[0] - 0.02, target.bounds[1] + 0.02)
+        q = p + rng.normal(size=3) * 0.02
+        plain = segment_distance(tree, p, q, 0.04)
+        known = rng.integers(-1, len(tree.triangles), 1)
+        for _ in range(2):
+            assert tracked_distance(tree, p, q, 0.04, known, 0) == pytest.approx(plain, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["icub_left", "icub_right"])
+def test_fingers_that_are_never_tested_never_meet(name: str) -> None:
+    hand = HandModel.load(name)
+    arrays, layout = build_hand_arrays(hand, hand.preshape)
+    pairs, rng = never_meeting_pairs(arrays), np.random.default_rng(10)
+    assert 0 < len(pairs) < 120
+    for _ in range(200):
+        posture = hand.posture(dict(zip(hand.joint_names, rng.uniform(hand.lower, hand.upper), strict=True)))
+        at = hand.link_transforms(HandPosture(posture.names, tuple(_only_closing(hand, posture))))
+        ends = []
+        for shape in layout.shapes:
+            T = at[shape.link] @ shape.T_link_shape
+            along = 0.5 * shape.dims[1] * T[:3, 2]
+            ends.append((T[:3, 3] - along, T[:3, 3] + along, shape.dims[0]))
+        for i, k in pairs:
+            assert segment_segment(*ends[i][:2], *ends[k][:2]) - ends[i][2] - ends[k][2] > 0.0
+
+
+def _only_closing(hand: HandModel, posture: HandPosture) -> list[float]:
+    """Return joint values of which only the closing joints differ from the preshape."""
+    closing = {joint for finger in hand.fingers for joint in finger.joints}
+    return [
+        value if joint in closing else still
+        for joint, value, still in zip(posture.names, posture.positions, hand.preshape.positions, strict=True)
+    ]
+
+
+def test_nearest_points_are_as_far_apart_as_the_distance_says() -> None:
+    target = TargetObject.builtin("drill")
+    tree = build_tree(np.array(target.mesh.triangles, dtype=np.float64))
+    rng = np.random.default_rng(8)
+    checked = 0
+    while checked < 40:
+        p = rng.uniform(target.bounds[0] - 0.02, target.bounds[1] + 0.02)
+        q = p + rng.normal(size=3) * 0.01
+        distance = segment_distance(tree, p, q, 0.05)
+        if not 1e-4 < distance < 0.05:
+            continue
+        out = np.empty((2, 3))
+        assert nearest_points(tree, p, q, 0.05, out) == pytest.approx(distance, abs=1e-12)
+        assert np.linalg.norm(out[0] - out[1]) == pytest.approx(distance, abs=1e-12)
+        along = np.clip((out[0] - p) @ (q - p) / ((q - p) @ (q - p)), 0.0, 1.0)
+        assert np.linalg.norm(p + along * (q - p) - out[0]) < 1e-9
+        assert np.abs(target.mesh.nearest.on_surface([out[1]])[1][0]) < 1e-9
+        checked += 1
+
+
+@pytest.mark.parametrize(("height", "meets"), [(0.0149, False), (0.0151, True)])
+def test_a_box_meets_a_plane_at_its_face(height: float, meets: bool) -> None:
+    # The centre lies 10 mm below ``height`` and 20 mm along the group's x axis, which points down: at
+    # ``height`` - 30 mm. The box is 5 mm high there, so its upper face is at ``height`` - 25 mm.
+    plane = np.array([[[-1.0, -1.0, -0.010], [1.0, -1.0, -0.010], [0.0, 2.0, -0.010]]])
+    pose = np.eye(4)
+    pose[:3, :3] = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]
+    pose[2, 3] = height - 0.010
+    box = np.vstack([np.eye(3), [0.005, 0.010, 0.010]])
+    gap = box_gap(build_tree(plane), pose, box, np.array([0.020, 0.0, 0.0]), 0.012)
+    assert (gap < 0.0) == meets
