@@ -1,10 +1,12 @@
-"""Local searches around the best diverse points, each in a box that shrinks while it finds nothing better there.
+"""Local searches around the best diverse points, by steps whose length shrinks while they find nothing better there.
 
 In many dimensions most of the space stays uncertain for ever, and the improvement that it might hold would draw all
 trials to its corners; where the function has a plateau, nearly all of these end on it. So each trial belongs to one
-of the points of the greedy diverse set and stays near it (trust regions: TuRBO, Eriksson et al. 2019; one for each
-diverse point: ROBOT, Maus et al. 2022). Here a box has no state of its own: its length follows from the trials
-that were made nearest to its centre since that was found.
+of the points of the greedy diverse set and stays near it (one search for each diverse point: ROBOT, Maus et al. 2022).
+It is a step of a few coordinates, the best of a handful as the surrogate sees it (pre-selection in an evolution
+strategy: Emmerich et al. 2002). Of many more it would take those about which the surrogate is mistaken, most of all
+beyond a cliff. A search has no state of its own: the length of its steps follows from the trials that were made
+nearest to its centre since that was found.
 """
 
 from __future__ import annotations
@@ -18,24 +20,22 @@ from scipy.spatial.distance import cdist
 
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.acquisition.improvement import log_normalized_improvement
-from mebo_grasp.optimization.initial_design import sobol
-from mebo_grasp.optimization.selection.basin_views import refine
 from mebo_grasp.optimization.selection.solution_set import greedy_diverse_set, slot_values
-from mebo_grasp.optimization.selection.trust_region import TrustRegion
 from mebo_grasp.optimization.surrogate.belief import Belief
 
-NET_SIZE = 512
-LENGTHS = (0.4, 0.2, 0.1, 0.05)
-"""Sides of the box, in turn; the last is followed by the first."""
+CANDIDATES = 16
+"""Steps among which the surrogate chooses."""
+STEP_SDS = (0.1, 0.05, 0.025, 0.0125)
+"""Standard deviations of a step's coordinates, sides of the cube, in turn; the last is followed by the first."""
+MOVED_SHARE = 0.5
+"""Share of the coordinates that a step moves."""
 PATIENCE = 8
-"""Trials near a centre that do not improve on it, after which its box takes the next length."""
+"""Trials near a centre that do not improve on it, after which its steps take the next length."""
 BEST_PERIOD = 4
 """At least one trial in this many goes to the best point of all, however many are wanted."""
 EXPLORATION_PERIOD = 6
 """One trial in this many is an exploration: it belongs to none of the best diverse points."""
 EXPLORATION = -1
-LONGEST_SCALE = 4.0
-"""Lengthscales beyond this stand for dimensions without influence; they must not stretch the box without end."""
 
 
 def rank_of(turn: int, size: int) -> int:
@@ -82,25 +82,26 @@ class LocalSearches:
         """Indices of the best diverse points, as many of ``size`` as lie off the plateau, best first."""
         return self._diverse[: self.size]
 
-    def box(
-        self, rank: int, lengthscales: FloatArray, rng: np.random.Generator
-    ) -> tuple[FloatArray, FloatArray]:
-        """Corners of a search's box, shape (d,) each; the whole cube while fewer points are found.
+    def candidates(self, rank: int, rng: np.random.Generator) -> FloatArray:
+        """Steps of a search, shape (CANDIDATES, d); anywhere in the cube while fewer points are found.
 
-        An exploration's box lies around any further diverse point.
+        An exploration's begin at any further diverse point.
 
         Args:
             rank: which search, 0 that of the best point, or ``EXPLORATION``.
-            lengthscales: of the surrogate, shape (d,); the box is longer where the function varies less.
             rng: source of randomness.
         """
+        shape = CANDIDATES, len(self.sides)
         others = self._diverse[self.size :]
         if rank == EXPLORATION and len(others):
-            return TrustRegion(LENGTHS[0]).box(self.U[rng.choice(others)], lengthscales)
-        if rank == EXPLORATION or rank >= len(self.centres):
-            return np.zeros(len(self.sides)), np.ones(len(self.sides))
-        length = LENGTHS[self._idle_trials[rank] // PATIENCE % len(LENGTHS)]
-        return TrustRegion(length).box(self.U[self.centres[rank]], lengthscales)
+            centre, sd = rng.choice(others), STEP_SDS[0]
+        elif rank == EXPLORATION or rank >= len(self.centres):
+            return rng.random(shape)
+        else:
+            centre, sd = self.centres[rank], STEP_SDS[self._idle_trials[rank] // PATIENCE % len(STEP_SDS)]
+        moved = rng.random(shape) < MOVED_SHARE
+        moved[np.arange(CANDIDATES), rng.integers(shape[1], size=CANDIDATES)] = True
+        return np.clip(self.U[centre] + sd * moved * rng.standard_normal(shape), 0.0, 1.0)
 
     @cached_property
     def _idle_trials(self) -> npt.NDArray[np.int64]:
@@ -118,21 +119,16 @@ class LocalSearches:
         return slot_values(self.U * self.sides, self.y, points * self.sides, size, self.min_distance)
 
     def pick(self, belief: Belief, rank: int, rng: np.random.Generator) -> FloatArray:
-        """The point in a search's box with the highest expected improvement on its incumbent, shape (d,).
+        """The step of a search with the highest expected improvement on its incumbent, shape (d,).
 
         Args:
             belief: what is believed, open trials included.
             rank: which search, or ``EXPLORATION``.
             rng: source of randomness.
         """
-        lengthscales = np.exp(belief.value.hyperparameters.theta[: belief.dim])
-        lower, upper = self.box(rank, np.minimum(lengthscales, LONGEST_SCALE), rng)
-        points = lower + (upper - lower) * sobol(NET_SIZE, belief.dim, rng)
-        own = self.incumbents(points, rank)
+        points = self.candidates(rank, rng)
         mean, sd = belief.predict(points)
-        value = np.log(sd) + log_normalized_improvement((mean - own) / sd) + belief.log_chances(points)
-        best = int(np.argmax(value))
-        refined = refine(belief, points[best], float(own[best]), None, (lower, upper))
-        # The climb knows one incumbent only. Where it has left that one's neighbourhood, it may have gained nothing.
-        stayed = self.incumbents(refined[None], rank)[0] <= own[best]
-        return refined if stayed else points[best]
+        gain = (mean - self.incumbents(points, rank)) / sd
+        value = np.log(sd) + log_normalized_improvement(gain) + belief.log_chances(points)
+        best: FloatArray = points[int(np.argmax(value))]
+        return best
