@@ -45,7 +45,7 @@ MOVED_SHARE = 0.5
 """Share of the coordinates that a step moves."""
 PATIENCE = 8
 """Trials near a centre that do not improve on it, after which its box takes the next length."""
-BEST_PERIOD = 4
+BEST_PERIOD = 2
 """At least one trial in this many goes to the best point of all, however many are wanted."""
 EXPLORATION_PERIOD = 6
 """One trial in this many is an exploration: it belongs to none of the best diverse points."""
@@ -124,7 +124,7 @@ class LocalSearches:
     def incumbents(self, points: FloatArray, rank: int) -> FloatArray:
         """Value that each point, shape (m, d), has to exceed to be of use, shape (m,).
 
-        A search is to improve the diverse set; an exploration whatever was found near the point, however low.
+        A search is to improve the diverse set; an exploration the diverse point nearby, however low.
         """
         size = self.size if rank != EXPLORATION else len(self.y) + 1
         return slot_values(self.U * self.sides, self.y, points * self.sides, size, self.min_distance)
