@@ -10,7 +10,7 @@ from mebo_grasp.errors import RunLogError
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess, Hyperparameters, standardize
 from mebo_grasp.optimization.surrogate.hyperparameters import LearningSettings, learn
-from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel
+from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel, LogNormalPrior
 from mebo_grasp.optimization.surrogate.relearning import RelearningSchedule
 
 
@@ -22,6 +22,7 @@ class EmpiricalBayesSurrogate:
         relearn_period: iterations from one learning to the next.
         kernel: covariance function.
         learning: how the hyperparameters are sought.
+        noise: prior of the noise variance of standardized values; default that of a simulated trial.
 
     Raises:
         InvalidSettingsError: the period is below 1.
@@ -33,10 +34,12 @@ class EmpiricalBayesSurrogate:
         relearn_period: int = 5,
         kernel: Kernel = MATERN52,
         learning: LearningSettings | None = None,
+        noise: LogNormalPrior | None = None,
     ) -> None:
         self._kernel = kernel
         self._schedule = RelearningSchedule(relearn_period)
         self._learning = learning or LearningSettings()
+        self._noise = noise
         self._hyperparameters = Hyperparameters.default(dim, kernel)
 
     @property
@@ -50,7 +53,9 @@ class EmpiricalBayesSurrogate:
         if due:
             z, _, _ = standardize(observations.y)
             current = self._hyperparameters if self._schedule.has_learned else None
-            self._hyperparameters, _ = learn(observations.U, z, self._kernel, current, rng, self._learning)
+            self._hyperparameters, _ = learn(
+                observations.U, z, self._kernel, current, rng, self._learning, self._noise
+            )
         self._schedule.count(due)
         return self.posterior(observations)
 
