@@ -16,6 +16,7 @@ from mebo_grasp.optimization.acquisition.improvement import (
 )
 from mebo_grasp.optimization.initial_design import sobol
 from mebo_grasp.optimization.selection import basins
+from mebo_grasp.optimization.selection.basins import NO_INCUMBENT
 from mebo_grasp.optimization.surrogate.belief import Belief
 
 NET_SIZE, NET_SIZE_ABOVE_2D = 2048, 1024
@@ -25,8 +26,9 @@ MAX_CANDIDATES, MAX_CANDIDATES_ABOVE_2D = 128, 32
 TOP_SHARE = 0.05
 """A basin reaches the top if it comes within this share of the spread (best minus median) of the best."""
 NEIGHBOURS = 8
-NO_INCUMBENT = -1
 SLACK_SHARE = 1e-3
+REFINED = 1e-5
+"""A climb ends when a step gains less than this, relative, in the logarithm of what a trial is worth."""
 RESOLUTION_SHARE = 1e-6
 """Improvements below this share of the spread are not worth a trial."""
 
@@ -83,7 +85,7 @@ class View:
         log_chance: log probability to be off the plateau, shape (m,).
         own: value of each candidate's local incumbent, shape (m,).
         index: which of the belief's points the incumbent is, shape (m,); ``NO_INCUMBENT`` if there is none.
-        reach: how far the observations that were asked for it lie, shape (m, 2); see ``basins.Neighbours``.
+        reach: how far the observations that were asked for it lie, shape (m, 2); see ``basins.LocalIncumbents``.
     """
 
     belief: Belief
@@ -145,13 +147,10 @@ class View:
 def look(belief: Belief, candidates: FloatArray, level: Level) -> View:
     """Look at candidates, shape (m, d)."""
     mean, sd = belief.predict(candidates)
-    near = basins.basin_neighbours(belief, candidates, belief.U, NEIGHBOURS, level.slack)
-    values = np.where(near.shared, belief.y[near.index], -np.inf)
-    rows, best = np.arange(len(candidates)), np.argmax(values, axis=1)
-    own = values[rows, best]
-    index = np.where(np.isfinite(own), near.index[rows, best], NO_INCUMBENT)
-    own = np.where(np.isfinite(own), own, np.min(belief.y))
-    return View(belief, candidates, level, mean, sd, belief.log_chances(candidates), own, index, near.reach)
+    near = basins.local_incumbents(belief, candidates, belief.U, belief.y, NEIGHBOURS, level.slack)
+    own = np.where(near.index != NO_INCUMBENT, belief.y[near.index], np.min(belief.y))
+    log_chance = belief.log_chances(candidates)
+    return View(belief, candidates, level, mean, sd, log_chance, own, near.index, near.reach)
 
 
 def find_candidates(belief: Belief, level: Level, rng: np.random.Generator) -> FloatArray:
@@ -160,17 +159,17 @@ def find_candidates(belief: Belief, level: Level, rng: np.random.Generator) -> F
     planar = belief.dim <= 2
     size = NET_SIZE if planar else NET_SIZE_ABOVE_2D
     limit = MAX_CANDIDATES if planar else MAX_CANDIDATES_ABOVE_2D
-    nets = [basins.search_net(belief, size, rng), belief.U]
+    fresh = basins.search_net(belief, size, rng)
     if not planar:
-        nets.append(basins.local_net(belief, size // 2, rng))
-    net = np.concatenate(nets)
-    where = coordinates(net)
-    mean, sd = belief.predict(net)
+        fresh = np.concatenate([fresh, basins.local_net(belief, size // 2, rng)])
+    net = np.concatenate([fresh, belief.U])
+    predictions = zip(belief.predict(fresh), belief.predict_observed(), strict=True)
+    mean, sd = (np.concatenate(parts) for parts in predictions)
     log_chance = belief.log_chances(net)
-    neighbours = 2 * belief.dim + 2
+    neighbourhoods = basins.Net(coordinates(net), 2 * belief.dim + 2)
 
     def maxima(values: FloatArray) -> FloatArray:
-        return net[basins.neighbourhood_maxima(values, where, neighbours)[:limit]]
+        return net[neighbourhoods.maxima(values, limit)]
 
     hopeful, peaks = maxima(belief.lifted(mean + sd, log_chance)), maxima(belief.lifted(mean, log_chance))
     improbable = maxima(log_ndtr((mean - level.top) / sd) + log_chance)
@@ -232,7 +231,7 @@ def refine(
     lower, upper = box if box is not None else (np.zeros(len(start)), np.ones(len(start)))
     result = minimize(
         objective, start, jac=True, method="L-BFGS-B", bounds=list(zip(lower, upper, strict=True)),
-        options={"maxiter": 30},
+        options={"maxiter": 30, "ftol": REFINED},
     )
     before = objective(start)[0]
     point: FloatArray = np.clip(result.x, lower, upper) if result.fun < before else start

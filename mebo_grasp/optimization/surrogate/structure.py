@@ -4,7 +4,8 @@ The family is {Matérn 5/2 ARD, squared exponential ARD, additive Matérn 5/2, a
 additive squared exponential + Matérn 5/2 ARD} × {no warp, Kumaraswamy warp} (no warp above three dimensions), in two
 dimensions the additive ones also along turned axes × {no warp, stretch}. A member's worth is the Laplace
 approximation of its log evidence: the posterior density at its best hyperparameters, less half a nat for each
-e-fold by which the data narrow a parameter's variance. All members are learned when the number of values has
+e-fold by which the data narrow a parameter's variance. Where only some of the values were compared on, differences
+are taken to grow with the number of all. All members are learned when the number of values has
 grown by a fixed factor (with many values, those that have fallen far behind are only refreshed then), and in
 between only those that are believed. As long as the evidence does not decide, several are: each with its share of
 the evidence.
@@ -181,7 +182,8 @@ class StructuredSurrogate:
         members = [self._members[i] for i in self._believed]
         shares = np.ones(1)
         if len(members) > 1:
-            shares = np.exp([member.evidence - members[0].evidence for member in members])
+            behind = np.array([member.evidence - members[0].evidence for member in members])
+            shares = np.exp(self._weight * behind)
         return Mixture(tuple(_fitted(member, U, y) for member in members), shares / np.sum(shares))
 
     def _data(
@@ -215,17 +217,24 @@ class StructuredSurrogate:
                 else replace(member, evidence=-np.inf)
             )
         self._members = learned
-        self._believed = self._most_probable()
         self._compared_at = len(y)
+        self._believed = self._most_probable()
         self._since_learning = 0
         if len(y) > self._settings.max_points_family:
             self._refresh(U, y, rng)
 
+    @property
+    def _weight(self) -> float:
+        """All values over those that the members were compared on: a difference of evidence grows like that."""
+        return max(1.0, self._compared_at / self._settings.max_points_family)
+
     def _most_probable(self) -> tuple[int, ...]:
         evidence = np.array([member.evidence for member in self._members])
         order = np.argsort(-evidence, kind="stable")[:MAX_BELIEVED]
-        close = evidence[order] >= evidence[order[0]] + np.log(SMALLEST_SHARE)
-        return tuple(int(i) for i in order[close]) or (0,)
+        if not np.isfinite(evidence[order[0]]):
+            return (int(order[0]),)
+        close = self._weight * (evidence[order] - evidence[order[0]]) >= np.log(SMALLEST_SHARE)
+        return tuple(int(i) for i in order[close])
 
     def _scouted(
         self, member: Member, U: FloatArray, z: FloatArray, known: dict[Structure, FloatArray], cold: bool
