@@ -38,6 +38,7 @@ from mebo_grasp.optimization.surrogate.family import (
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess, Hyperparameters, standardize
 from mebo_grasp.optimization.surrogate.hyperparameters import subset
 from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel
+from mebo_grasp.optimization.surrogate.relearning import RelearningSchedule
 from mebo_grasp.optimization.surrogate.warping import StretchWarp
 
 MAX_BELIEVED, SMALLEST_SHARE = 3, 0.05
@@ -142,17 +143,14 @@ class StructuredSurrogate:
         settings: StructureSettings | None = None,
         structures: tuple[Structure, ...] | None = None,
     ) -> None:
-        if relearn_period < 1:
-            raise InvalidSettingsError(f"relearn_period must be at least 1 iteration, got {relearn_period}")
         self._dim = dim
-        self._period = relearn_period
+        self._schedule = RelearningSchedule(relearn_period)
         self._settings = settings or StructureSettings()
         self._members = [
             Member(structure, prior_of(structure.kernel, dim).mean) for structure in structures or family(dim)
         ]
         self._believed: tuple[int, ...] = (0,)
         self._compared_at = 0
-        self._since_learning: int | None = None
 
     @property
     def chosen(self) -> Member:
@@ -171,14 +169,14 @@ class StructuredSurrogate:
     def update(self, U: FloatArray, y: FloatArray, rng: np.random.Generator) -> Mixture:
         """Return what is believed given all values; relearns when due. To be called once an iteration."""
         # Nothing can be learned from fewer than three values or from equal ones: the prior stays.
-        if len(y) >= 3 and np.ptp(y) > 0.0:
-            due = self._since_learning is None or self._since_learning >= self._period
-            if len(y) >= self._settings.growth * max(self._compared_at, 2):
-                self._compare(U, y, rng)
-            elif due:
-                self._refresh(U, y, rng)
-        if self._since_learning is not None:
-            self._since_learning += 1
+        enough = len(y) >= 3 and bool(np.ptp(y) > 0.0)
+        compares = enough and len(y) >= self._settings.growth * max(self._compared_at, 2)
+        refreshes = not compares and enough and self._schedule.is_due(y)
+        if compares:
+            self._compare(U, y, rng)
+        if refreshes:
+            self._refresh(U, y, rng)
+        self._schedule.count(compares or refreshes)
         members = [self._members[i] for i in self._believed]
         shares = np.ones(1)
         if len(members) > 1:
@@ -219,7 +217,6 @@ class StructuredSurrogate:
         self._members = learned
         self._compared_at = len(y)
         self._believed = self._most_probable()
-        self._since_learning = 0
         if len(y) > self._settings.max_points_family:
             self._refresh(U, y, rng)
 
@@ -272,7 +269,6 @@ class StructuredSurrogate:
         data = self._data(U, y, self._settings.max_points, rng)
         for i in self._believed:
             self._members[i] = _climbed(self._members[i], *data, self._settings.refresh_iterations)
-        self._since_learning = 0
 
     def state(self) -> dict[str, Any]:
         """What ``restore`` needs, as JSON values."""
@@ -288,7 +284,7 @@ class StructuredSurrogate:
             ],
             "believed": list(self._believed),
             "compared_at": self._compared_at,
-            "since_learning": self._since_learning,
+            "since_learning": self._schedule.iterations,
         }
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -310,7 +306,7 @@ class StructuredSurrogate:
         if not believed or not all(0 <= i < len(members) for i in believed) or compared_at < 0:
             raise RunLogError(f"the surrogate's state names members {believed} of {len(members)}")
         self._members, self._believed = members, believed
-        self._compared_at, self._since_learning = compared_at, since
+        self._compared_at, self._schedule.iterations = compared_at, since
 
 
 def _restored(member: Member, record: dict[str, Any]) -> Member:
