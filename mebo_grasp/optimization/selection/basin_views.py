@@ -20,6 +20,10 @@ from mebo_grasp.optimization.selection.basins import NO_INCUMBENT
 from mebo_grasp.optimization.surrogate.belief import Belief
 
 NET_SIZE, NET_SIZE_ABOVE_2D = 2048, 1024
+SMALLEST_NET = 256
+NET_WORK = 1_000_000
+"""Covariances of the net with the observations that may be computed for one look. With more the net is halved, and
+with it the number of candidates: the observations, which are looked at as well, stand for it."""
 LEVEL_NET_SIZE = 512
 MAX_CANDIDATES, MAX_CANDIDATES_ABOVE_2D = 128, 32
 """Above two dimensions no net resolves all basins, and more points cost more than they find."""
@@ -153,12 +157,21 @@ def look(belief: Belief, candidates: FloatArray, level: Level) -> View:
     return View(belief, candidates, level, mean, sd, log_chance, own, near.index, near.reach)
 
 
+def _effort(belief: Belief) -> tuple[int, int]:
+    """Points of the net, and how many of its maxima of each kind are climbed."""
+    planar = belief.dim <= 2
+    size = NET_SIZE if planar else NET_SIZE_ABOVE_2D
+    limit = MAX_CANDIDATES if planar else MAX_CANDIDATES_ABOVE_2D
+    while size * len(belief.U) > NET_WORK and size > SMALLEST_NET:
+        size, limit = size // 2, max(limit // 2, MAX_CANDIDATES_ABOVE_2D)
+    return size, limit
+
+
 def find_candidates(belief: Belief, level: Level, rng: np.random.Generator) -> FloatArray:
     """Local maxima of mean plus standard deviation, of the mean, and of the chance of the top, shape (m, d)."""
     coordinates = basins.Coordinates(belief)
     planar = belief.dim <= 2
-    size = NET_SIZE if planar else NET_SIZE_ABOVE_2D
-    limit = MAX_CANDIDATES if planar else MAX_CANDIDATES_ABOVE_2D
+    size, limit = _effort(belief)
     fresh = basins.search_net(belief, size, rng)
     if not planar:
         fresh = np.concatenate([fresh, basins.local_net(belief, size // 2, rng)])

@@ -66,7 +66,7 @@ class StructureSettings:
     growth: float = 1.25
     max_points_family: int = 160
     max_points_thorough: int = 112
-    max_points: int = 400
+    max_points: int = 256
     scout_iterations: int = 5
     climb_iterations: int = 40
     refresh_iterations: int = 10
