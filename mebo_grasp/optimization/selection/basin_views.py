@@ -90,6 +90,7 @@ class View:
         own: value of each candidate's local incumbent, shape (m,).
         index: which of the belief's points the incumbent is, shape (m,); ``NO_INCUMBENT`` if there is none.
         reach: how far the observations that were asked for it lie, shape (m, 2); see ``basins.LocalIncumbents``.
+        gap: how far the nearest observation lies in the kernel's coordinates, shape (m,).
     """
 
     belief: Belief
@@ -101,6 +102,7 @@ class View:
     own: FloatArray
     index: npt.NDArray[np.int64]
     reach: FloatArray
+    gap: FloatArray
 
     @property
     def log_scores(self) -> FloatArray:
@@ -138,14 +140,25 @@ class View:
         own, index = self.own.copy(), self.index.copy()
         hopeful = hopeful[basins.same_basin(belief, self.candidates[hopeful], ends, self.level.slack)]
         own[hopeful], index[hopeful] = value, len(belief.y) - 1
-        log_chance = belief.log_chances(self.candidates)
-        return replace(self, belief=belief, mean=mean, sd=sd, log_chance=log_chance, own=own, index=index)
+        coordinates = basins.Coordinates(belief)
+        from_point = np.linalg.norm(coordinates(self.candidates) - coordinates(point[None]), axis=1)
+        return replace(
+            self, belief=belief, mean=mean, sd=sd, log_chance=belief.log_chances(self.candidates),
+            own=own, index=index, gap=np.minimum(self.gap, from_point),
+        )  # fmt: skip
 
     @property
-    def top_incumbents(self) -> npt.NDArray[np.int64]:
-        """Indices of the incumbents that have reached the top level, without repeats."""
-        reached = (self.index != NO_INCUMBENT) & (self.own >= self.level.top)
-        return np.unique(self.index[reached])
+    def unknown(self) -> npt.NDArray[np.bool_]:
+        """Which candidates may be explored, shape (m,): their basin is not confirmed, and no observation beside them.
+
+        Around a summit that is known better than the model can follow, the model sees basins where there are none.
+        """
+        return ~self.confirmed & (self.gap >= basins.SAME_MAXIMUM)
+
+    @property
+    def incumbents(self) -> npt.NDArray[np.int64]:
+        """Indices of the incumbents, without repeats."""
+        return np.unique(self.index[self.index != NO_INCUMBENT])
 
 
 def look(belief: Belief, candidates: FloatArray, level: Level) -> View:
@@ -154,7 +167,7 @@ def look(belief: Belief, candidates: FloatArray, level: Level) -> View:
     near = basins.local_incumbents(belief, candidates, belief.U, belief.y, NEIGHBOURS, level.slack)
     own = np.where(near.index != NO_INCUMBENT, belief.y[near.index], np.min(belief.y))
     log_chance = belief.log_chances(candidates)
-    return View(belief, candidates, level, mean, sd, log_chance, own, near.index, near.reach)
+    return View(belief, candidates, level, mean, sd, log_chance, own, near.index, near.reach, near.gap)
 
 
 def _effort(belief: Belief) -> tuple[int, int]:

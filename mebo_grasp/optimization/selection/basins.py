@@ -239,10 +239,12 @@ class LocalIncumbents:
     Args:
         index: which observation, shape (m,); ``NO_INCUMBENT`` where none of them shares the basin.
         reach: distance of the farthest of those near it in the kernel's coordinates and in the cube's, shape (m, 2).
+        gap: distance of the nearest of all observations in the kernel's coordinates, shape (m,).
     """
 
     index: IndexArray
     reach: FloatArray
+    gap: FloatArray
 
 
 def local_incumbents(
@@ -286,7 +288,7 @@ def local_incumbents(
         shared = same_basin(posterior, candidates[rows], U[ends], slack)
         # Ends are in order of value within a row, so writing them backwards leaves the best.
         found[rows[shared][::-1]] = ends[shared][::-1]
-    return LocalIncumbents(found, reach)
+    return LocalIncumbents(found, reach, np.asarray(by_kernel[0]).reshape(-1, count)[:, 0])
 
 
 def within_reach(belief: Belief, candidates: FloatArray, point: FloatArray, reach: FloatArray) -> BoolArray:
