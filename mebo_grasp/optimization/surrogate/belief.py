@@ -75,6 +75,10 @@ class Belief:
         """Mean and standard deviation off the plateau, shape (m,) each, at A, shape (m, d)."""
         return self.value.predict(A)
 
+    def predict_observed(self) -> tuple[FloatArray, FloatArray]:
+        """Mean and standard deviation off the plateau at the own points U, shape (n,) each."""
+        return self.value.predict_observed() if self.chance is None else self.value.predict(self.U)
+
     def predict_with_gradients(self, A: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Mean and standard deviation off the plateau, shape (m,), and their gradients, shape (m, d)."""
         return self.value.predict_with_gradients(A)
