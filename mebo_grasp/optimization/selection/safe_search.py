@@ -39,13 +39,34 @@ class OptimisticBelief:
 
 
 def pick_safe(belief: Belief, transform: UnscentedTransform, rng: np.random.Generator) -> FloatArray:
-    """The point that is optimistically expected to do best under input noise, shape (d,).
+    """Where to try next to learn which point does best under input noise, shape (d,).
+
+    First comes the point that is optimistically expected to do best; then, of it and its sigma points, the one of whose
+    value least is known. To try the point itself again and again would say nothing about what lies around it.
 
     Args:
         belief: what is believed, open trials included.
         transform: the noise.
         rng: source of the net.
     """
+    centre = most_hopeful(belief, transform, rng)
+    points = transform.points(centre[None])
+    doubts = transform.weights * deviation(belief, points)
+    return points[int(np.argmax(doubts))]
+
+
+def deviation(belief: Belief, A: FloatArray) -> FloatArray:
+    """Standard deviation of the function's value, plateau included, shape (m,), at points A, shape (m, d)."""
+    mean, sd = belief.predict(A)
+    chance, gain = np.exp(belief.log_chances(A)), mean - belief.floor
+    if belief.chance is None:
+        return sd
+    variance = chance * (sd**2 + (1.0 - chance) * gain**2)
+    return np.sqrt(variance)
+
+
+def most_hopeful(belief: Belief, transform: UnscentedTransform, rng: np.random.Generator) -> FloatArray:
+    """The point that is optimistically expected to do best under input noise, shape (d,)."""
     dim = belief.dim
     plain = OptimisticBelief(belief)
     expected = Unscented(plain, transform)
