@@ -197,9 +197,9 @@ class NoisyGrasp(Objective):
         return _told(self.input_sd, _GRASP_MIN_LEAF)
 
 
-@lru_cache(maxsize=1)
+@lru_cache(maxsize=8)
 def _grasps(objective: NoisyGrasp) -> tuple[SearchSpace, Callable[[FloatArray], float]]:
-    # A simulator takes seconds to build, and a worker gets many runs of one objective in a row.
+    # A simulator takes seconds to build, and a worker comes back to the same few objectives at every seed.
     target, hand = load_target(objective.object, objective.scale), HandModel.load(objective.hand)
     whole = facet_space(target, hand, facet=objective.facet, synergy=objective.space == "synergy")
     dim = FACET_SPACES[objective.space]
