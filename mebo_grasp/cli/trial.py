@@ -92,10 +92,13 @@ def repeated_text(simulator: GraspSimulator, pose: Pose, options: argparse.Names
     )
     found = execute_repeatedly(simulator, pose, noise, options.repeat, np.random.default_rng(options.seed))
     ends = ", ".join(f"{count} {outcome.name}" for outcome, count in found.outcomes.most_common())
-    return (
-        f"executed {options.repeat} times with noise (seed {options.seed}): {ends}\n"
-        f"  quality mean {found.mean:.6g}, standard deviation {found.sd:.6g}, worst {found.worst:.6g}"
+    known = found.under_noise
+    figures = (
+        "no quality: all executions failed"
+        if known is None
+        else f"quality mean {known.expected:.6g}, standard deviation {known.sd:.6g}, worst {known.worst:.6g}"
     )
+    return f"executed {options.repeat} times with noise (seed {options.seed}): {ends}\n  {figures}"
 
 
 def middle_pose(target: TargetObject, hand: HandModel) -> Pose:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from types import TracebackType
 from typing import Any
 
@@ -100,6 +101,8 @@ class BulletWorld:
         self, target: TargetObject, shapes: tuple[LinkShape, ...], T_group_shape: FloatArray, pose: FloatArray
     ) -> None:
         self._client = pybullet.connect(pybullet.DIRECT)
+        # Also of a world that is forgotten without being closed: an object in it takes tens of megabytes.
+        self._disconnect = weakref.finalize(self, pybullet.disconnect, physicsClientId=self._client)
         self._pose = pose
         self._error: BaseException | None = None
         self.callback = GAP_CALLBACK(self._answer)
@@ -214,9 +217,7 @@ class BulletWorld:
 
     def close(self) -> None:
         """Free the world; closing twice does no harm."""
-        if self._client >= 0:
-            pybullet.disconnect(physicsClientId=self._client)
-            self._client = -1
+        self._disconnect()
 
     def __enter__(self) -> BulletWorld:
         return self

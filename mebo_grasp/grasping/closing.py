@@ -84,7 +84,7 @@ def run_trial(
 ) -> bool:
     """Place the open hand and close it; False if it collides where it is placed."""
     place_hand(hand, poses, T)
-    engine.nearest[:] = -1
+    engine.state[0].nearest[:] = -1
     if starts_in_collision(hand, field, engine, poses):
         return False
     close_fingers(hand, field, engine, rule, poses, state)

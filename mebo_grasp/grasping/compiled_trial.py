@@ -14,8 +14,8 @@ from numba import njit
 from mebo_grasp.grasping import closing, hand_motion
 from mebo_grasp.grasping.bullet_world import BulletWorld
 from mebo_grasp.grasping.contacts import Contacts, find_near, mark_pressing
-from mebo_grasp.grasping.distance_field import DistanceField
-from mebo_grasp.grasping.engine import Engine
+from mebo_grasp.grasping.distance_field import DistanceField, borrowed_field
+from mebo_grasp.grasping.engine import Engine, borrowed_engine
 from mebo_grasp.grasping.hand_arrays import HAND_TYPE, MOST_JOINTS, MOST_SHAPES, HandArrays, HandLayout
 from mebo_grasp.grasping.joint_step import STATE_TYPE, ClosingRule
 from mebo_grasp.grasping.trial import TrialSettings
@@ -33,7 +33,7 @@ def run_trial(
     near: IntArray, points: FloatArray, normals: FloatArray,
 ) -> int:
     """Place the open hand, close it and find contacts as ``find_near`` does; ``COLLISION`` if it cannot stand there."""
-    hand = hands[0]
+    hand, field, engine = hands[0], borrowed_field(field), borrowed_engine(engine)
     if not closing.run_trial(hand, field, engine, rule, poses[0], states[0], T):
         return COLLISION
     if pressing:

@@ -45,12 +45,12 @@ def find_near(
     Returns:
         How many there are.
     """
-    count, pair = 0, np.empty((2, 3))
+    count, pair, state = 0, np.empty((2, 3)), engine.state[0]
     for shape in range(hand.shapes):
         pose = poses.group[hand.shape_group[shape]]
         if reach[shape] <= 0.0 or gap_bounds(hand, field, pose, shape)[0] > reach[shape]:
             continue
-        if engine.kind == BULLET or hand.kind[shape] == BOX:
+        if hand.kind[shape] == BOX or (state.kind == BULLET and not state.screened[shape]):
             points[count] = np.nan
         else:
             gap = fast_contact(engine, hand, pose, shape, QUERY_RANGE, pair)

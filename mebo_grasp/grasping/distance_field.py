@@ -14,6 +14,7 @@ import trimesh
 from numba import njit
 from scipy import ndimage
 
+from mebo_grasp.grasping.borrowed import borrowed
 from mebo_grasp.grasping.triangle_tree import TriangleTree, build_tree, closest_point
 
 FloatArray = npt.NDArray[np.float64]
@@ -29,17 +30,23 @@ class DistanceField(NamedTuple):
 
     Attributes:
         values: (nx, ny, nz) metres.
-        origin: (3,) position of node (0, 0, 0), object frame.
+        origin: x, y, z of node (0, 0, 0), object frame, metres.
         cell: side of a cell, metres.
         slack: bound on the difference between the interpolated value and the true distance, metres.
         margin: distance that the object keeps from the faces of the grid, metres.
     """
 
     values: FloatArray
-    origin: FloatArray
+    origin: tuple[float, float, float]
     cell: float
     slack: float
     margin: float
+
+
+@njit(cache=True)
+def borrowed_field(field: DistanceField) -> DistanceField:
+    """Return a field whose arrays are ``borrowed``."""
+    return DistanceField(borrowed(field.values), field.origin, field.cell, field.slack, field.margin)
 
 
 @njit(cache=True)
@@ -83,7 +90,7 @@ def _inside_surface(
     border = np.ones(labels.shape, dtype=bool)
     border[1:-1, 1:-1, 1:-1] = False
     outside = np.isin(labels, np.unique(labels[border]))
-    corners = tree.triangles[nearest[skin]]
+    corners = tree.triangles["corners"][nearest[skin]]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     behind = (
         np.einsum("ij,ij->i", normals, points.reshape(*labels.shape, 3)[skin] - corners.mean(axis=1)) < 0.0
@@ -119,7 +126,8 @@ def build_field(surface: trimesh.Trimesh, parts: tuple[FloatArray, ...] = ()) ->
     values[inside] *= -1.0
     # Interpolation weighs the eight corners of a cell; their mean distance from a point is at most that from
     # the cell's centre, and distances differ by no more than the points do.
-    return DistanceField(values, origin, cell, cell * np.sqrt(3.0) / 2.0, margin)
+    x, y, z = origin.tolist()
+    return DistanceField(values, (x, y, z), cell, cell * np.sqrt(3.0) / 2.0, margin)
 
 
 @njit(cache=True)

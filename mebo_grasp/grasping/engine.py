@@ -1,8 +1,8 @@
 """The exact gap between a hand's shape and the object, from one of two engines behind one compiled function.
 
 ``BULLET`` asks PyBullet through a callback; ``FAST`` measures capsules and boxes against the object's triangles
-in compiled code. Where the compiled gap of a rod is so far from 0 that Bullet's cannot have another sign, Bullet
-is not asked: a call through Python costs more than the rest.
+in compiled code. So does ``BULLET`` with rods at an object of convex parts, and asks PyBullet whether it agrees that
+they do not overlap, unless they are so far apart that it must: a call through Python costs more than the rest.
 """
 
 from __future__ import annotations
@@ -14,10 +14,11 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from mebo_grasp.grasping.borrowed import borrowed
 from mebo_grasp.grasping.distance_field import DistanceField, on_grid, sample
-from mebo_grasp.grasping.hand_arrays import BOX, HandArrays
+from mebo_grasp.grasping.hand_arrays import BOX, MOST_SHAPES, HandArrays
 from mebo_grasp.grasping.mesh_distance import box_gap, nearest_points, tracked_distance
-from mebo_grasp.grasping.triangle_tree import TriangleTree
+from mebo_grasp.grasping.triangle_tree import TriangleTree, borrowed_tree
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -28,28 +29,44 @@ QUERY_RANGE = 0.012
 """Gaps beyond this are reported as this, metres."""
 ENGINES_APART = 4e-4
 """Bound on the difference between the engines' gaps of a rod near the surface of convex parts, metres."""
-SURELY_FREE = 1e-4
-"""A bound on a gap is given only where it exceeds this, since nearer ones are compared with a tolerance, metres."""
+
+
+ENGINE_TYPE = np.dtype(
+    [
+        ("kind", np.int64),
+        ("pose", np.float64, (4, 4)),
+        ("screened", np.int64, (MOST_SHAPES,)),
+        ("nearest", np.int64, (MOST_SHAPES,)),
+    ],
+    align=True,
+)
+"""How gaps are asked for.
+
+kind: ``BULLET`` or ``FAST``
+pose: written before Bullet is asked for the gap of a shape whose group stands there
+screened: whether a shape is measured by compiled code before Bullet is asked
+nearest: triangle that was last nearest to each shape's axis; -1 before the first question of a trial
+"""
 
 
 class Engine(NamedTuple):
     """Where exact gaps come from.
 
     Attributes:
-        kind: ``BULLET`` or ``FAST``.
-        ask: callback that returns the gap of a shape whose group stands at ``pose``.
-        pose: (4, 4) written before ``ask`` is called.
+        ask: callback that returns Bullet's gap of a shape.
         tree: the object's triangles; for ``BULLET`` those of its convex parts, if it has any.
-        screened: (n,) which shapes are measured by compiled code before Bullet is asked.
-        nearest: (n,) triangle that was last nearest to each shape's axis; -1 before the first question of a trial.
+        state: (1,) of ``ENGINE_TYPE``.
     """
 
-    kind: int
     ask: Any
-    pose: FloatArray
     tree: TriangleTree
-    screened: npt.NDArray[np.bool_]
-    nearest: IntArray
+    state: npt.NDArray[np.void]
+
+
+@njit(cache=True)
+def borrowed_engine(engine: Engine) -> Engine:
+    """Return an engine whose arrays are ``borrowed``."""
+    return Engine(engine.ask, borrowed_tree(engine.tree), borrowed(engine.state))
 
 
 @njit(cache=True)
@@ -58,18 +75,18 @@ def exact_gap(
 ) -> float:
     """Return the gap between a shape and the object, its group standing at ``pose``; negative if they overlap.
 
-    Within ``ENGINES_APART`` of touching it is the engine's own; farther off it may be a bound on that. A quick answer
-    is the compiled one wherever that is near the engine's.
+    A screened shape's gap is the compiled one, since Bullet's to a hull can be 0.24 mm too large; but where either
+    says that they overlap, they do. A quick answer leaves Bullet out wherever there is a compiled one.
     """
-    if engine.kind == FAST or engine.screened[shape]:
-        gap = fast_gap(engine.tree, hand, field, pose, shape, engine.nearest)
-        if engine.kind == FAST or quick:
+    state = engine.state[0]
+    if state.kind == FAST or state.screened[shape]:
+        gap = fast_gap(engine.tree, hand, field, pose, shape, state.nearest)
+        if state.kind == FAST or quick or not 0.0 < gap <= ENGINES_APART:
             return gap
-        if gap > ENGINES_APART + SURELY_FREE:
-            return gap - ENGINES_APART
-        if gap < -ENGINES_APART:
-            return gap
-    engine.pose[:] = pose
+        state.pose[:] = pose
+        by_bullet = engine.ask(shape)
+        return gap if by_bullet > 0.0 else by_bullet
+    state.pose[:] = pose
     return engine.ask(shape)
 
 
@@ -128,4 +145,4 @@ def fast_contact(
         for k in range(3):
             ends[which, k] = pose[k, 0] * c[0] + pose[k, 1] * c[1] + pose[k, 2] * c[2] + pose[k, 3]
     radius = hand.radius[shape]
-    return nearest_points(engine.tree, ends[0], ends[1], reach + radius, out, engine.nearest[shape]) - radius
+    return nearest_points(engine.tree, ends[0], ends[1], reach + radius, out, engine.state[0].nearest[shape]) - radius

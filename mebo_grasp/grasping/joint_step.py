@@ -166,7 +166,7 @@ def try_joint(
     low_weight = low_gap
     _keep_gaps(hand, state, f, j)
     share = -1.0
-    if engine.kind == BULLET and not by_hand and low_gap > rule.gap_tolerance:
+    if engine.state[0].kind == BULLET and not by_hand and low_gap > rule.gap_tolerance:
         share = _guess(hand, field, engine, rule, poses, state, f, j, low_gap, high_weight)
     for _ in range(MOST_SEARCH_STEPS):
         if low_gap <= rule.gap_tolerance:

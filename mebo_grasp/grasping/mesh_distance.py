@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from mebo_grasp.grasping.triangle_tree import TriangleTree, closest_on_triangle
+from mebo_grasp.grasping.triangle_tree import Node, Triangle, TriangleTree, closest_on_triangle
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -70,28 +70,28 @@ def segment_segment(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) 
 
 
 @njit(cache=True)
-def _height(p: FloatArray, triangles: FloatArray, normals: FloatArray, i: int) -> float:
-    """Return the height of a point over the plane of triangle i."""
+def _height(p: FloatArray, triangle: Triangle) -> float:
+    """Return the height of a point over a triangle's plane."""
     return (
-        normals[i, 0] * (p[0] - triangles[i, 0, 0])
-        + normals[i, 1] * (p[1] - triangles[i, 0, 1])
-        + normals[i, 2] * (p[2] - triangles[i, 0, 2])
+        triangle.normal[0] * (p[0] - triangle.corners[0, 0])
+        + triangle.normal[1] * (p[1] - triangle.corners[0, 1])
+        + triangle.normal[2] * (p[2] - triangle.corners[0, 2])
     )
 
 
 @njit(cache=True)
-def _over(x: float, y: float, z: float, triangles: FloatArray, normals: FloatArray, i: int) -> bool:
-    """Whether a point lies over the inside of triangle i, seen along its normal; never if it has none."""
+def _over(x: float, y: float, z: float, triangle: Triangle) -> bool:
+    """Whether a point lies over the inside of a triangle, seen along its normal; never if it has none."""
     before = 2
     for k in range(3):
-        e0 = triangles[i, k, 0] - triangles[i, before, 0]
-        e1 = triangles[i, k, 1] - triangles[i, before, 1]
-        e2 = triangles[i, k, 2] - triangles[i, before, 2]
-        w0, w1, w2 = x - triangles[i, k, 0], y - triangles[i, k, 1], z - triangles[i, k, 2]
+        e0 = triangle.corners[k, 0] - triangle.corners[before, 0]
+        e1 = triangle.corners[k, 1] - triangle.corners[before, 1]
+        e2 = triangle.corners[k, 2] - triangle.corners[before, 2]
+        w0, w1, w2 = x - triangle.corners[k, 0], y - triangle.corners[k, 1], z - triangle.corners[k, 2]
         turn = (
-            normals[i, 0] * (e1 * w2 - e2 * w1)
-            + normals[i, 1] * (e2 * w0 - e0 * w2)
-            + normals[i, 2] * (e0 * w1 - e1 * w0)
+            triangle.normal[0] * (e1 * w2 - e2 * w1)
+            + triangle.normal[1] * (e2 * w0 - e0 * w2)
+            + triangle.normal[2] * (e0 * w1 - e1 * w0)
         )
         if turn <= 0.0:
             return False
@@ -100,13 +100,14 @@ def _over(x: float, y: float, z: float, triangles: FloatArray, normals: FloatArr
 
 
 @njit(cache=True)
-def _segment_edge2(p: FloatArray, q: FloatArray, triangles: FloatArray, i: int, k: int) -> float:
-    """Return the squared distance between the segment pq and the edge of triangle i that begins at corner k."""
+def _segment_edge2(p: FloatArray, q: FloatArray, triangle: Triangle, k: int) -> float:
+    """Return the squared distance between the segment pq and the edge of a triangle that begins at corner k."""
     following = (k + 1) % 3
     # Scalars: a view of a row costs more here than its numbers.
     d0, d1, d2 = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-    r0, r1, r2 = triangles[i, k, 0], triangles[i, k, 1], triangles[i, k, 2]
-    e0, e1, e2 = triangles[i, following, 0] - r0, triangles[i, following, 1] - r1, triangles[i, following, 2] - r2
+    c = triangle.corners
+    r0, r1, r2 = c[k, 0], c[k, 1], c[k, 2]
+    e0, e1, e2 = c[following, 0] - r0, c[following, 1] - r1, c[following, 2] - r2
     w0, w1, w2 = p[0] - r0, p[1] - r1, p[2] - r2
     t, u = _places(
         d0 * d0 + d1 * d1 + d2 * d2, e0 * e0 + e1 * e1 + e2 * e2, d0 * e0 + d1 * e1 + d2 * e2,
@@ -116,14 +117,12 @@ def _segment_edge2(p: FloatArray, q: FloatArray, triangles: FloatArray, i: int, 
 
 
 @njit(cache=True)
-def _segment_triangle(
-    p: FloatArray, q: FloatArray, triangles: FloatArray, normals: FloatArray, i: int, bound: float
-) -> float:
-    """Return the distance between a segment and triangle i, ``bound`` if it is no less; 0 where they cross.
+def _segment_triangle(p: FloatArray, q: FloatArray, triangle: Triangle, bound: float) -> float:
+    """Return the distance between a segment and a triangle, ``bound`` if it is no less; 0 where they cross.
 
     The nearest place is an end over the triangle's inside, or on an edge; no place is nearer than the plane.
     """
-    first, last = _height(p, triangles, normals, i), _height(q, triangles, normals, i)
+    first, last = _height(p, triangle), _height(q, triangle)
     same_side = first * last > 0.0
     least = min(abs(first), abs(last))
     if same_side and least >= bound:
@@ -131,49 +130,49 @@ def _segment_triangle(
     if not same_side and first != last:
         t = first / (first - last)
         x, y, z = p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1]), p[2] + t * (q[2] - p[2])
-        if _over(x, y, z, triangles, normals, i):
+        if _over(x, y, z, triangle):
             return 0.0
     best = bound
-    if abs(first) < best and _over(p[0], p[1], p[2], triangles, normals, i):
+    if abs(first) < best and _over(p[0], p[1], p[2], triangle):
         best = abs(first)
-    if abs(last) < best and _over(q[0], q[1], q[2], triangles, normals, i):
+    if abs(last) < best and _over(q[0], q[1], q[2], triangle):
         best = abs(last)
     if same_side and best <= least:
         return best
     best2 = best * best
     for k in range(3):
-        distance2 = _segment_edge2(p, q, triangles, i, k)
+        distance2 = _segment_edge2(p, q, triangle, k)
         if distance2 < best2:
             best, best2 = np.sqrt(distance2), distance2
     return best
 
 
 @njit(cache=True)
-def _ball_gap(p: FloatArray, q: FloatArray, balls: FloatArray, i: int) -> float:
-    """Return the gap between the segment pq and ball i, centre and radius in a row; negative if they meet."""
+def _ball_gap(p: FloatArray, q: FloatArray, held: Node | Triangle) -> float:
+    """Return the gap between the segment pq and the ball of a node or triangle; negative if they meet."""
     d0, d1, d2 = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-    w0, w1, w2 = balls[i, 0] - p[0], balls[i, 1] - p[1], balls[i, 2] - p[2]
+    w0, w1, w2 = held.ball[0] - p[0], held.ball[1] - p[1], held.ball[2] - p[2]
     length2 = d0 * d0 + d1 * d1 + d2 * d2
     t = min(max((w0 * d0 + w1 * d1 + w2 * d2) / length2, 0.0), 1.0) if length2 > 0.0 else 0.0
-    return np.sqrt((t * d0 - w0) ** 2 + (t * d1 - w1) ** 2 + (t * d2 - w2) ** 2) - balls[i, 3]
+    return np.sqrt((t * d0 - w0) ** 2 + (t * d1 - w1) ** 2 + (t * d2 - w2) ** 2) - held.ball[3]
 
 
 @njit(cache=True)
-def _box_gap2(p: FloatArray, q: FloatArray, lower: FloatArray, upper: FloatArray, i: int) -> float:
-    """Return the squared gap between box i and the box of the segment pq."""
+def _box_gap2(p: FloatArray, q: FloatArray, node: Node) -> float:
+    """Return the squared gap between a node's box and the box of the segment pq."""
     total = 0.0
     for k in range(3):
-        apart = max(lower[i, k] - max(p[k], q[k]), min(p[k], q[k]) - upper[i, k], 0.0)
+        apart = max(node.lower[k] - max(p[k], q[k]), min(p[k], q[k]) - node.upper[k], 0.0)
         total += apart * apart
     return total
 
 
 @njit(cache=True)
-def _nearest_pair(p: FloatArray, q: FloatArray, triangles: FloatArray, i: int, out: FloatArray) -> None:
-    """Write the nearest points of the segment pq and of triangle i, which it does not cross, shape (2, 3)."""
+def _nearest_pair(p: FloatArray, q: FloatArray, triangle: Triangle, out: FloatArray) -> None:
+    """Write the nearest points of the segment pq and of a triangle, which it does not cross, shape (2, 3)."""
     best, on_triangle = np.inf, np.empty(3)
     for end in (p, q):
-        closest_on_triangle(end, triangles[i], on_triangle)
+        closest_on_triangle(end, triangle.corners, on_triangle)
         distance2 = 0.0
         for k in range(3):
             distance2 += (end[k] - on_triangle[k]) ** 2
@@ -182,7 +181,7 @@ def _nearest_pair(p: FloatArray, q: FloatArray, triangles: FloatArray, i: int, o
             for k in range(3):
                 out[0, k], out[1, k] = end[k], on_triangle[k]
     for edge in range(3):
-        r, s = triangles[i, edge], triangles[i, (edge + 1) % 3]
+        r, s = triangle.corners[edge], triangle.corners[(edge + 1) % 3]
         t, u = _segment_segment_places(p, q, r, s)
         distance2 = 0.0
         for k in range(3):
@@ -194,12 +193,10 @@ def _nearest_pair(p: FloatArray, q: FloatArray, triangles: FloatArray, i: int, o
 
 
 @njit(cache=True)
-def _look_back(
-    p: FloatArray, q: FloatArray, triangles: FloatArray, i: int, distance: float, u: FloatArray
-) -> float:
-    """Write the unit direction from triangle i to the segment where they are nearest; return the segment's height."""
+def _look_back(p: FloatArray, q: FloatArray, triangle: Triangle, distance: float, u: FloatArray) -> float:
+    """Write the unit direction from a triangle to the segment where they are nearest; return the segment's height."""
     pair, first, last = np.empty((2, 3)), 0.0, 0.0
-    _nearest_pair(p, q, triangles, i, pair)
+    _nearest_pair(p, q, triangle, pair)
     for k in range(3):
         u[k] = (pair[0, k] - pair[1, k]) / distance
         first += u[k] * p[k]
@@ -208,21 +205,22 @@ def _look_back(
 
 
 @njit(cache=True)
-def _behind(triangles: FloatArray, i: int, u: FloatArray, height: float) -> bool:
-    """Whether triangle i reaches no higher than ``height`` along a direction."""
+def _behind(triangle: Triangle, u: FloatArray, height: float) -> bool:
+    """Whether a triangle reaches no higher than ``height`` along a direction."""
     for corner in range(3):
-        along = u[0] * triangles[i, corner, 0] + u[1] * triangles[i, corner, 1] + u[2] * triangles[i, corner, 2]
+        c = triangle.corners[corner]
+        along = u[0] * c[0] + u[1] * c[1] + u[2] * c[2]
         if along > height:
             return False
     return True
 
 
 @njit(cache=True)
-def _box_behind(lower: FloatArray, upper: FloatArray, i: int, u: FloatArray, height: float) -> bool:
-    """Whether box i reaches no higher than ``height`` along a direction."""
+def _box_behind(node: Node, u: FloatArray, height: float) -> bool:
+    """Whether a node's box reaches no higher than ``height`` along a direction."""
     along = 0.0
     for k in range(3):
-        along += max(u[k] * lower[i, k], u[k] * upper[i, k])
+        along += max(u[k] * node.lower[k], u[k] * node.upper[k])
     return along <= height
 
 
@@ -235,37 +233,37 @@ def _nearest_triangle(  # noqa: C901
     A triangle that is ``likely`` the nearest is looked at first: its distance rejects what is farther off, and the
     direction to it what lies behind it, on a convex surface all the rest.
     """
-    triangles, normals, triangle_balls, balls = tree.triangles, tree.normals, tree.triangle_ball, tree.ball
-    lower, upper, right = tree.lower, tree.upper, tree.right
+    triangles, nodes = tree.triangles, tree.nodes
     best, found, u = bound, -1, np.empty(3)
     directed, level = False, 0.0
     if likely >= 0:
-        best = _segment_triangle(p, q, triangles, normals, likely, bound)
+        best = _segment_triangle(p, q, triangles[likely], bound)
         found = likely if best < bound else -1
         if 0.0 < best < bound:
-            directed, level = True, _look_back(p, q, triangles, likely, best, u) + NEGLIGIBLE
+            directed, level = True, _look_back(p, q, triangles[likely], best, u) + NEGLIGIBLE
     stack, gaps = np.empty(64, np.int64), np.empty(64)
-    stack[0], gaps[0] = 0, _ball_gap(p, q, balls, 0)
+    stack[0], gaps[0] = 0, _ball_gap(p, q, nodes[0])
     top = 1
     while top > 0 and best > 0.0:
         top -= 1
-        node = stack[top]
-        if gaps[top] >= best or (directed and _box_behind(lower, upper, node, u, level - best)):
+        at = stack[top]
+        node = nodes[at]
+        if gaps[top] >= best or (directed and _box_behind(node, u, level - best)):
             continue
-        if _box_gap2(p, q, lower, upper, node) >= best * best:
+        if _box_gap2(p, q, node) >= best * best:
             continue
-        if right[node] == 0:
-            for i in range(tree.start[node], tree.end[node]):
-                if i == likely or _ball_gap(p, q, triangle_balls, i) >= best:
+        if node.right == 0:
+            for i in range(node.start, node.end):
+                if i == likely or _ball_gap(p, q, triangles[i]) >= best:
                     continue
-                if directed and _behind(triangles, i, u, level - best):
+                if directed and _behind(triangles[i], u, level - best):
                     continue
-                distance = _segment_triangle(p, q, triangles, normals, i, best)
+                distance = _segment_triangle(p, q, triangles[i], best)
                 if distance < best:
                     best, found = distance, i
             continue
-        near, far = node + 1, right[node]
-        near_gap, far_gap = _ball_gap(p, q, balls, near), _ball_gap(p, q, balls, far)
+        near, far = at + 1, node.right
+        near_gap, far_gap = _ball_gap(p, q, nodes[near]), _ball_gap(p, q, nodes[far])
         if far_gap < near_gap:
             near, far, near_gap, far_gap = far, near, far_gap, near_gap
         stack[top], gaps[top] = far, far_gap
@@ -305,7 +303,7 @@ def nearest_points(
     """
     distance, i = _nearest_triangle(tree, p, q, bound, likely)
     if i >= 0:
-        _nearest_pair(p, q, tree.triangles, i, out)
+        _nearest_pair(p, q, tree.triangles[i], out)
     return distance
 
 
@@ -363,23 +361,22 @@ def box_gap(tree: TriangleTree, pose: FloatArray, box: FloatArray, center: Float
     top, best = 1, bound
     while top > 0:
         top -= 1
-        node = stack[top]
+        at = stack[top]
+        node = tree.nodes[at]
         apart2 = 0.0
         for k in range(3):
-            gap = max(
-                tree.lower[node, k] - middle[k] - reach[k], middle[k] - reach[k] - tree.upper[node, k], 0.0
-            )
+            gap = max(node.lower[k] - middle[k] - reach[k], middle[k] - reach[k] - node.upper[k], 0.0)
             apart2 += gap * gap
         if apart2 >= best * best:
             continue
-        if tree.right[node] != 0:
-            stack[top] = tree.right[node]
-            stack[top + 1] = node + 1
+        if node.right != 0:
+            stack[top] = node.right
+            stack[top + 1] = at + 1
             top += 2
             continue
-        for i in range(tree.start[node], tree.end[node]):
+        for i in range(node.start, node.end):
             for corner in range(3):
-                local[corner] = R.T @ (tree.triangles[i, corner] - middle)
+                local[corner] = R.T @ (tree.triangles[i].corners[corner] - middle)
             if _box_meets_triangle(local, half):
                 return -bound
             best = min(best, _box_bound(local, half))

@@ -52,31 +52,24 @@ class ExecutionNoise:
 
 
 @dataclass(frozen=True)
-class Robustness:
+class Executions:
     """What came of repeated executions.
 
     Args:
         qualities: quality of each, shape (n,).
         outcomes: how many ended how.
+        under_noise: the qualities summed up; None if all executions failed.
     """
 
     qualities: FloatArray
     outcomes: Counter[GraspOutcome]
+    under_noise: QualityUnderNoise | None
 
-    @property
-    def mean(self) -> float:
-        """Mean quality."""
-        return float(self.qualities.mean())
-
-    @property
-    def sd(self) -> float:
-        """Standard deviation of the sample (n - 1 in the divisor); 0 for a single execution."""
-        return float(self.qualities.std(ddof=1)) if len(self.qualities) > 1 else 0.0
-
-    @property
-    def worst(self) -> float:
-        """Smallest quality."""
-        return float(self.qualities.min())
+    @classmethod
+    def of(cls, grasps: list[Grasp]) -> Executions:
+        """Sum up single executions."""
+        qualities = np.array([grasp.quality for grasp in grasps])
+        return cls(qualities, Counter(grasp.outcome for grasp in grasps), QualityUnderNoise.of(qualities))
 
 
 def perturb_point(
@@ -201,7 +194,7 @@ class InexactHand:
 
 def execute_repeatedly(
     simulator: GraspSimulator, pose: Pose, noise: ExecutionNoise, repeats: int, rng: np.random.Generator
-) -> Robustness:
+) -> Executions:
     """Execute one pose many times.
 
     Args:
@@ -219,7 +212,7 @@ def execute_repeatedly(
             "noise in the normalized cube needs a search space; give position and rotation noise"
         )
     _check_repeats(repeats)
-    return _summed_up([execute(simulator, pose, noise, rng) for _ in range(repeats)])
+    return Executions.of([execute(simulator, pose, noise, rng) for _ in range(repeats)])
 
 
 def execute_candidate_repeatedly(
@@ -229,7 +222,7 @@ def execute_candidate_repeatedly(
     noise: ExecutionNoise,
     repeats: int,
     rng: np.random.Generator,
-) -> Robustness:
+) -> Executions:
     """Execute a candidate of a search space many times, with noise on its coordinates too.
 
     Args:
@@ -248,13 +241,9 @@ def execute_candidate_repeatedly(
     for _ in range(repeats):
         point = perturb_point(x, space.lower, space.upper, noise.unit, rng)
         grasps.append(execute(simulator, space.to_pose(point), noise, rng))
-    return _summed_up(grasps)
+    return Executions.of(grasps)
 
 
 def _check_repeats(repeats: int) -> None:
     if repeats < 1:
         raise InvalidSettingsError(f"repeats is {repeats}; it must be at least 1")
-
-
-def _summed_up(grasps: list[Grasp]) -> Robustness:
-    return Robustness(np.array([grasp.quality for grasp in grasps]), Counter(grasp.outcome for grasp in grasps))

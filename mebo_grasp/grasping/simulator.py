@@ -16,7 +16,7 @@ from mebo_grasp.grasping.bullet_world import BulletWorld
 from mebo_grasp.grasping.compiled_trial import TrialRunner
 from mebo_grasp.grasping.contacts import Contacts
 from mebo_grasp.grasping.distance_field import build_field
-from mebo_grasp.grasping.engine import BULLET, FAST, Engine, exact_gap
+from mebo_grasp.grasping.engine import BULLET, ENGINE_TYPE, FAST, Engine, exact_gap
 from mebo_grasp.grasping.hand_arrays import MOST_JOINTS, build_hand_arrays
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.hand_motion import exempt_touching_pairs
@@ -61,13 +61,13 @@ class GraspSimulator:
         exempt_touching_pairs(self._arrays)
         if self._world is not None:
             self._world.close()
-        asked_at = np.eye(4)
-        self._world = BulletWorld(self.target, self._layout.shapes, self._layout.T_group_shape, asked_at)
-        rods = np.array([shape.kind in ("capsule", "sphere") for shape in self._layout.shapes])
-        screened = rods & bool(self.target.solid_parts)
-        kind = BULLET if self.settings.engine == "bullet" else FAST
-        nearest = np.full(len(rods), -1)
-        self._engine = Engine(kind, self._world.callback, asked_at, self._tree, screened, nearest)
+        engine = np.zeros(1, ENGINE_TYPE)
+        self._world = BulletWorld(self.target, self._layout.shapes, self._layout.T_group_shape, engine["pose"][0])
+        engine["kind"] = BULLET if self.settings.engine == "bullet" else FAST
+        if self.target.solid_parts:
+            rods = [shape.kind in ("capsule", "sphere") for shape in self._layout.shapes]
+            engine["screened"][0, : len(rods)] = rods
+        self._engine = Engine(self._world.callback, self._tree, engine)
         self._runner = TrialRunner(
             self._arrays, self._layout, self._field, self._engine, self._world, self._rule, self.settings
         )

@@ -5,11 +5,13 @@ A node has a box and a ball: the box fits flat parts, the ball rejects what a sl
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
+
+from mebo_grasp.grasping.borrowed import borrowed
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -17,37 +19,59 @@ IntArray = npt.NDArray[np.int64]
 LEAF_SIZE = 4
 
 
+TRIANGLE_TYPE = np.dtype(
+    [("corners", np.float64, (3, 3)), ("normal", np.float64, (3,)), ("ball", np.float64, (4,))], align=True
+)
+"""A triangle: its corners, its unit normal (0 without area), centre and radius of a ball about it."""
+
+NODE_TYPE = np.dtype(
+    [
+        ("lower", np.float64, (3,)),
+        ("upper", np.float64, (3,)),
+        ("ball", np.float64, (4,)),
+        ("right", np.int64),
+        ("start", np.int64),
+        ("end", np.int64),
+    ],
+    align=True,
+)
+"""A node of the tree.
+
+lower, upper: its box
+ball: centre and radius of a ball about its triangles
+right: its second child; 0 marks a leaf (the first child follows its parent)
+start, end: range of a leaf's triangles
+"""
+
+Triangle: TypeAlias = Any
+"""A record of ``TRIANGLE_TYPE``."""
+Node: TypeAlias = Any
+"""A record of ``NODE_TYPE``."""
+
+
 class TriangleTree(NamedTuple):
     """Bounding boxes and balls over triangles, in depth-first order.
 
     Attributes:
-        triangles: (n, 3, 3) corners, sorted by leaf.
-        normals: (n, 3) unit normals of the triangles, 0 for one without area.
-        lower, upper: (m, 3) boxes of the nodes.
-        ball: (m, 4) centre and radius of a ball about each node's triangles.
-        triangle_ball: (n, 4) the same for each triangle.
-        right: (m,) index of a node's second child; 0 marks a leaf (the first child follows its parent).
-        start, end: (m,) range of a leaf's triangles.
-        order: (n,) index of each sorted triangle in the mesh.
+        triangles: (n,) of ``TRIANGLE_TYPE``, sorted by leaf.
+        nodes: (m,) of ``NODE_TYPE``.
     """
 
-    triangles: FloatArray
-    normals: FloatArray
-    lower: FloatArray
-    upper: FloatArray
-    ball: FloatArray
-    triangle_ball: FloatArray
-    right: IntArray
-    start: IntArray
-    end: IntArray
-    order: IntArray
+    triangles: npt.NDArray[np.void]
+    nodes: npt.NDArray[np.void]
+
+
+@njit(cache=True)
+def borrowed_tree(tree: TriangleTree) -> TriangleTree:
+    """Return a tree whose arrays are ``borrowed``."""
+    return TriangleTree(borrowed(tree.triangles), borrowed(tree.nodes))
 
 
 def build_tree(triangles: FloatArray) -> TriangleTree:
     """Sort triangles, shape (n, 3, 3), into a tree of bounding boxes."""
     centroids = triangles.mean(axis=1)
     order = np.arange(len(triangles))
-    nodes: list[tuple[int, int, int]] = []
+    nodes: list[tuple[int, int]] = []
     rights: list[int] = []
     stack = [(0, len(triangles), -1)]
     while stack:
@@ -56,7 +80,7 @@ def build_tree(triangles: FloatArray) -> TriangleTree:
         if parent >= 0:
             rights[parent] = index
         leaf = end - start <= LEAF_SIZE
-        nodes.append((start, end, 1 if leaf else 0))
+        nodes.append((start, end))
         rights.append(0)
         if not leaf:
             axis = int(np.ptp(centroids[order[start:end]], axis=0).argmax())
@@ -65,23 +89,15 @@ def build_tree(triangles: FloatArray) -> TriangleTree:
             order[start:end] = order[start:end][part]
             stack.append((middle, end, index))
             stack.append((start, middle, -1))
-    starts, ends, _ = np.array(nodes).T
     ordered = np.ascontiguousarray(triangles[order])
-    lower = np.array([ordered[s:e].min(axis=(0, 1)) for s, e in zip(starts, ends, strict=True)])
-    upper = np.array([ordered[s:e].max(axis=(0, 1)) for s, e in zip(starts, ends, strict=True)])
-    corners = [ordered[s:e].reshape(-1, 3) for s, e in zip(starts, ends, strict=True)]
-    return TriangleTree(
-        ordered,
-        _normals(ordered),
-        lower,
-        upper,
-        np.array([_ball(of_node) for of_node in corners]),
-        np.array([_ball(triangle) for triangle in ordered]),
-        np.array(rights),
-        np.ascontiguousarray(starts),
-        np.ascontiguousarray(ends),
-        order,
-    )
+    sorted_triangles, sorted_nodes = np.zeros(len(ordered), TRIANGLE_TYPE), np.zeros(len(nodes), NODE_TYPE)
+    sorted_triangles["corners"], sorted_triangles["normal"] = ordered, _normals(ordered)
+    sorted_triangles["ball"] = [_ball(triangle) for triangle in ordered]
+    for node, (start, end), right in zip(sorted_nodes, nodes, rights, strict=True):
+        corners = ordered[start:end].reshape(-1, 3)
+        node["lower"], node["upper"], node["ball"] = corners.min(axis=0), corners.max(axis=0), _ball(corners)
+        node["right"], node["start"], node["end"] = right, start, end
+    return TriangleTree(sorted_triangles, sorted_nodes)
 
 
 def _normals(triangles: FloatArray) -> FloatArray:
@@ -132,10 +148,10 @@ def closest_on_triangle(p: FloatArray, triangle: FloatArray, out: FloatArray) ->
 
 
 @njit(cache=True)
-def _box_distance2(p: FloatArray, lower: FloatArray, upper: FloatArray) -> float:
+def _box_distance2(p: FloatArray, node: Node) -> float:
     total = 0.0
     for k in range(3):
-        gap = max(lower[k] - p[k], 0.0, p[k] - upper[k])
+        gap = max(node.lower[k] - p[k], 0.0, p[k] - node.upper[k])
         total += gap * gap
     return total
 
@@ -150,12 +166,13 @@ def closest_point(tree: TriangleTree, p: FloatArray, bound: float, out: FloatArr
     top = 1
     while top > 0:
         top -= 1
-        node = stack[top]
-        if _box_distance2(p, tree.lower[node], tree.upper[node]) >= best:
+        at = stack[top]
+        node = tree.nodes[at]
+        if _box_distance2(p, node) >= best:
             continue
-        if tree.right[node] == 0:
-            for i in range(tree.start[node], tree.end[node]):
-                closest_on_triangle(p, tree.triangles[i], candidate)
+        if node.right == 0:
+            for i in range(node.start, node.end):
+                closest_on_triangle(p, tree.triangles[i].corners, candidate)
                 distance2 = 0.0
                 for k in range(3):
                     distance2 += (candidate[k] - p[k]) ** 2
@@ -164,10 +181,8 @@ def closest_point(tree: TriangleTree, p: FloatArray, bound: float, out: FloatArr
                     for k in range(3):
                         out[k] = candidate[k]
             continue
-        near, far = node + 1, tree.right[node]
-        if _box_distance2(p, tree.lower[far], tree.upper[far]) < _box_distance2(
-            p, tree.lower[near], tree.upper[near]
-        ):
+        near, far = at + 1, node.right
+        if _box_distance2(p, tree.nodes[far]) < _box_distance2(p, tree.nodes[near]):
             near, far = far, near
         stack[top] = far
         stack[top + 1] = near

@@ -99,7 +99,6 @@ class HandNode(Node):
 
     def _advertise(self, hand_namespace: str) -> None:
         prefix = f"{hand_namespace}/" if hand_namespace else ""
-        self._qualities = self.create_publisher(GraspQuality, "grasp_quality", qos.QUALITIES)
         self._joints = self.create_publisher(JointState, f"{prefix}joint_states", qos.LATCHED)
         self._hand_markers = self.create_publisher(MarkerArray, f"{prefix}hand_markers", qos.LATCHED)
         object_markers = self.create_publisher(MarkerArray, f"{prefix}object_markers", qos.LATCHED)
@@ -109,6 +108,8 @@ class HandNode(Node):
         self.create_subscription(PoseStamped, f"{prefix}candidate_pose", self._on_candidate, qos.CANDIDATES)
         if self._pairs is not None:
             self.create_subscription(JointState, f"{prefix}candidate_posture", self._on_posture, qos.CANDIDATES)
+        # Last: by it an optimizer knows that somebody answers.
+        self._qualities = self.create_publisher(GraspQuality, "grasp_quality", qos.QUALITIES)
 
     @guarded
     def _on_candidate(self, candidate: PoseStamped) -> None:

@@ -70,6 +70,7 @@ class OptimizerNode(Node):
         self._next_stamp = StampSource(lambda: self.get_clock().now().nanoseconds, offset_ns=random_offset())
         self._dispatcher: Dispatcher[Trial] = Dispatcher(dispatch, self._next_stamp)
         self._ready_hands: tuple[str, ...] = ()
+        self._seen_hands: set[str] = set()
         self._note_said = ""
         self._state = ExplorationStatus.EXPLORING if self._settings.autostart else ExplorationStatus.IDLE
         self._wake = self.create_guard_condition(self._on_worker_event)
@@ -104,7 +105,9 @@ class OptimizerNode(Node):
         }
         self._status = self.create_publisher(ExplorationStatus, "exploration_status", qos.LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self.create_subscription(GraspQuality, "grasp_quality", self._on_quality, qos.QUALITIES)
+        self._qualities = self.create_subscription(
+            GraspQuality, "grasp_quality", self._on_quality, qos.QUALITIES
+        )
         self.create_service(Trigger, "~/start", self._on_start)
         self.create_service(Trigger, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/resume", self._on_resume)
@@ -240,9 +243,10 @@ class OptimizerNode(Node):
 
     @guarded
     def _on_check(self) -> None:
-        now_ready = tuple(
-            hand for hand in self._candidates if all(p.get_subscription_count() > 0 for p in self._publishers_to(hand))
-        )
+        seen = {hand for hand in self._candidates if self._sees(hand)}
+        # A hand that was seen just now may not yet see this node: what was sent to it would be lost.
+        now_ready = tuple(hand for hand in self._candidates if hand in seen & self._seen_hands)
+        self._seen_hands = seen
         for hand in set(self._ready_hands) - set(now_ready):
             self.get_logger().warning(f"hand '{hand}' is gone; its trials wait for another")
             self._dispatcher.hand_lost(hand)
@@ -252,6 +256,11 @@ class OptimizerNode(Node):
             self.get_logger().warning(f"trial {trial.id} failed: {reason}")
             self._worker.tell_failed(trial.id, reason)
         self._advance()
+
+    def _sees(self, hand: str) -> bool:
+        # Who only listens to candidates, such as `ros2 topic echo`, is no hand: a hand answers as well.
+        listens = all(publisher.get_subscription_count() > 0 for publisher in self._publishers_to(hand))
+        return listens and self._qualities.get_publisher_count() > 0
 
     def _publishers_to(self, hand: str) -> list[Publisher]:
         """Return what a hand must listen to before it is given trials."""

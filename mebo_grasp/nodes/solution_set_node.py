@@ -11,6 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import PoseArray, PoseStamped
 from mebo_grasp_interfaces.msg import GraspQuality, OcclusionArray
 from mebo_grasp_interfaces.msg import Occlusion as OcclusionMsg
@@ -43,6 +44,9 @@ from msg_adapters.time import to_time_msg
 
 MESSAGES = 2048
 """Messages of returned grasps that are kept: the best ones are asked for again and again."""
+
+SAME_POSE = 1e-9
+"""Largest difference between the matrices of two poses of one trial that came twice."""
 
 _RANKINGS = {
     GetBestGrasp.Request.RANK_OBSERVED: Ranking.OBSERVED,
@@ -132,11 +136,20 @@ class SolutionSetNode(Node):
             raise InvalidMessageError("a stamp of 0 names no trial: send the header of the candidate back")
         status = self._archive.add(trial)
         if status is AddStatus.DUPLICATE:
+            self._compare_with_stored(trial)
             return
         self._set_changed = True
         # What is no better than the best free grasp cannot take its place.
         if trial.grasp.quality > self._quality_to_beat:
             self._publish_best()
+
+    def _compare_with_stored(self, trial: StampedGrasp) -> None:
+        # Hands send their old answers again to late subscribers; only another trial is worth a word.
+        known = self._archive.read(trial.stamp_ns).grasp.T_object_tcp
+        if not np.allclose(known.matrix, trial.grasp.T_object_tcp.matrix, rtol=0.0, atol=SAME_POSE):
+            self.get_logger().warning(
+                f"not stored: another trial has the stamp {trial.stamp_ns} ns already; give each candidate its own"
+            )
 
     @guarded
     def _on_occlusions(self, message: OcclusionArray) -> None:
@@ -250,9 +263,7 @@ class SolutionSetNode(Node):
 
     def _publish_best(self) -> None:
         answer = self._archive.best(
-            BestGraspQuery(
-                self._occlusions, rule=self._rule, approach_length=self._settings.approach_length
-            )
+            BestGraspQuery(self._occlusions, rule=self._rule, approach_length=self._settings.approach_length)
         )
         best = answer.grasps[0] if answer.grasps else None
         self._quality_to_beat = 0.0 if best is None else best.grasp.quality

@@ -210,6 +210,16 @@ class SolutionArchive:
             self._index.add(trial, volume)
             return AddStatus.IMPROVED if improved else AddStatus.STORED
 
+    def read(self, stamp_ns: int) -> StampedGrasp:
+        """Return one stored trial whole.
+
+        Raises:
+            ArchiveError: no trial of this stamp is stored, or the archive is closed or damaged.
+        """
+        with self._guard:
+            self._require_open()
+            return self._store.read(stamp_ns)
+
     def add_many(self, trials: Iterable[StampedGrasp]) -> int:
         """Store many trials at once, as an import does; return how many were new.
 

@@ -37,6 +37,7 @@ def stamps_of(messages: list[GraspQuality]) -> list[int]:
 
 
 def test_forty_trials_from_candidate_to_best_grasp(scene: Scene, probe: Probe) -> None:
+    scene.parameters["optimizer_node"]["trial_timeout"] = 60.0  # no trial is given twice on a busy machine
     scene.start()
     final = scene.wait_until_finished()
     assert (final.evaluations, final.failed, final.pending) == (BUDGET, 0, 0)
@@ -45,8 +46,13 @@ def test_forty_trials_from_candidate_to_best_grasp(scene: Scene, probe: Probe) -
     stamps = stamps_of(qualities)
     assert len(qualities) == BUDGET
     assert stamps == sorted(set(stamps))
-    asked = {from_time_msg(c.header.stamp): c.pose for c in scene.candidates.wait_for_count(BUDGET)}
-    assert all(asked[stamp] == quality.tcp_pose for stamp, quality in zip(stamps, qualities, strict=True))
+    # Old candidates are not kept for late listeners, as this probe may be; what it heard from then on is whole.
+    answered = dict(zip(stamps, (quality.tcp_pose for quality in qualities), strict=True))
+    last = scene.candidates.wait_for(lambda candidate: from_time_msg(candidate.header.stamp) == stamps[-1])
+    asked = {from_time_msg(c.header.stamp): c.pose for c in scene.candidates.messages}
+    assert last.pose == answered[stamps[-1]]
+    assert list(asked) == stamps[-len(asked) :]
+    assert all(answered[stamp] == pose for stamp, pose in asked.items())
     assert {quality.header.frame_id for quality in qualities} == {OBJECT}
 
     wait_until(lambda: scene.stored() == BUDGET)
@@ -87,6 +93,7 @@ def test_late_subscribers_get_what_is_latched(scene: Scene, probe: Probe) -> Non
 @pytest.mark.parametrize("victim", ["optimizer_node", "hand_node", "solution_set_node"])
 def test_a_killed_node_costs_no_stored_trial(victim: str, launch, probe: Probe, tmp_path: Path) -> None:
     scene = Scene(launch, probe, tmp_path, budget=90)
+    scene.parameters["optimizer_node"]["max_attempts"] = 50  # until a hand is there again, on a busy machine too
     scene.start()
     scene.wait_for_evaluations(12)
     stored_before = scene.stored()
@@ -115,18 +122,19 @@ def test_a_resumed_run_goes_where_an_uninterrupted_one_goes(launch, probe: Probe
             scene.nodes["optimizer_node"].kill()
             scene.start("optimizer_node")
         scene.wait_until_finished()
-        for node in scene.nodes.values():
-            node.stop()
-        distinct: dict[tuple[float, float, float], None] = {}
-        for quality in scene.qualities.messages:
-            position = quality.tcp_pose.position
-            distinct[(position.x, position.y, position.z)] = None
-        return list(distinct)
+        # The optimizer may have its last answer before the probe has it: the hand must not go before.
+        wait_until(lambda: len(distinct(scene)) >= 60)
+        assert all(node.stop() == 0 for node in scene.nodes.values())
+        return distinct(scene)
+
+    def distinct(scene: Scene) -> list[tuple[float, float, float]]:
+        positions = [quality.tcp_pose.position for quality in scene.qualities.messages]
+        return list(dict.fromkeys((p.x, p.y, p.z) for p in positions))
 
     whole = poses("whole", interrupt=False)
     resumed = poses("resumed", interrupt=True)
     assert len(whole) == 60
-    assert resumed[: len(whole)] == whole or set(resumed) == set(whole)
+    assert set(resumed) == set(whole)
 
 
 @pytest.mark.parametrize("order", [signal.SIGINT, signal.SIGTERM])

@@ -91,6 +91,17 @@ def test_waits_for_a_hand_and_says_so(launch, probe: Probe, status) -> None:
     assert status.wait_for(finished).evaluations == 3
 
 
+def test_who_only_listens_to_candidates_is_no_hand(launch, probe: Probe, status) -> None:
+    echo = probe.listen(PoseStamped, "candidate_pose", qos.CANDIDATES)
+    launch("optimizer_node", budget=3, initial_points=3, object=OBJECT, trial_timeout=0.1)
+    status.wait_for(lambda s: "waiting for a hand" in s.message)
+    probe.listen(DiagnosticArray, "/diagnostics").wait_for_count(3)
+    assert echo.messages == []
+    PlayedHand(probe)
+    final = status.wait_for(finished)
+    assert (final.evaluations, final.failed) == (3, 0)
+
+
 def test_nonsense_fails_the_trial_and_unknown_stamps_are_ignored(launch, probe: Probe, status) -> None:
     hand = PlayedHand(probe)
 

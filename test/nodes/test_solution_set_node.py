@@ -44,15 +44,18 @@ class Desk:
         self.best: Inbox[PoseStamped] = probe.listen(PoseStamped, "best_grasp", qos.LATCHED)
         self.set: Inbox[SolutionSetMsg] = probe.listen(SolutionSetMsg, "solution_set", qos.LATCHED)
         self._qualities = probe.publisher(GraspQuality, "grasp_quality", qos.QUALITIES)
-        self._stamp = 0
+        self.stamp = 0
 
     def add(self, quality: float, position=(0.0, 0.1, 0.0), **changes) -> GraspQuality:
-        self._stamp += 1_000_000_000
-        message = answer(to_pose_stamped_msg(self._stamp, OBJECT, Pose(np.array(position))), quality)
+        self.stamp += 1_000_000_000
+        message = answer(to_pose_stamped_msg(self.stamp, OBJECT, Pose(np.array(position))), quality)
         for name, value in changes.items():
             setattr(message, name, value)
-        self._qualities.publish(message)
+        self.publish(message)
         return message
+
+    def publish(self, message: GraspQuality) -> None:
+        self._qualities.publish(message)
 
     def ask(self, *occlusions, **fields) -> GetBestGrasp.Response:
         request = GetBestGrasp.Request(occlusions=list(occlusions), **fields)
@@ -82,6 +85,16 @@ def test_an_empty_archive_says_that_nothing_is_stored(desk: Desk) -> None:
     assert reply.message
     reply = desk.probe.call(GetSolutionSet, "get_solution_set", GetSolutionSet.Request())
     assert reply.error_code == reply.NO_GRASP_STORED
+
+
+def test_a_second_trial_of_one_stamp_is_refused_with_a_word_a_repeated_one_without(desk: Desk) -> None:
+    first = desk.add(0.3)
+    wait_until(lambda: desk.stored() == 1)
+    desk.publish(first)
+    desk.publish(answer(to_pose_stamped_msg(desk.stamp, OBJECT, Pose(np.array([0.1, 0.0, 0.0]))), 0.9))
+    wait_until(lambda: f"another trial has the stamp {desk.stamp} ns already" in desk.node.log)
+    assert desk.node.log.count("another trial has the stamp") == 1
+    assert [grasp.quality for grasp in desk.ask().grasps] == [0.3]
 
 
 def test_occlusions_of_the_request_filter_the_best(filled: Desk) -> None:
@@ -295,7 +308,7 @@ def test_unusable_qualities_are_not_stored_and_repeated_ones_once(desk: Desk) ->
     desk.add(0.8, object_id="another")
     desk.add(0.7, header=Header(frame_id=OBJECT))  # a stamp of 0, as a hand that forgets the header sends it
     good = desk.add(0.2)
-    desk._qualities.publish(good)
+    desk.publish(good)
     failed = desk.add(math.nan, outcome=GraspQuality.FAILED)
     assert failed.outcome == GraspQuality.FAILED
     wait_until(lambda: desk.stored() == 2)
