@@ -69,7 +69,10 @@ def test_draws_have_the_noise_s_moments_and_see_a_corner_that_sigma_points_miss(
 
     at = np.array([[0.5, 0.5]])
     truth = 1.0 - norm.sf(0.5) ** 2
-    sigma, drawn = UnscentedTransform.of_covariance(np.eye(2) * 0.01), UnscentedTransform.of_draws(np.eye(2) * 0.01, 64)
+    sigma, drawn = (
+        UnscentedTransform.of_covariance(np.eye(2) * 0.01),
+        UnscentedTransform.of_draws(np.eye(2) * 0.01, 64),
+    )
     assert sigma.mean(corner(sigma.points(at)))[0] == pytest.approx(1.0)
     assert drawn.mean(corner(drawn.points(at)))[0] == pytest.approx(truth, abs=0.02)
 
