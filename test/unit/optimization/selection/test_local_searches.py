@@ -131,15 +131,17 @@ def tried():
 
 @pytest.fixture(scope="module")
 def belief(tried):
-    return PlateauSurrogate(2).update(*tried, np.random.default_rng(0)).best
+    U, y = tried
+    return PlateauSurrogate(2).update(U, y, np.random.default_rng(0)).best
 
 
 @pytest.mark.parametrize(("rank", "summit"), [(0, [0.3, 0.3]), (1, [0.75, 0.75])])
 def test_each_search_climbs_its_own_hill(tried, belief, rank, summit):
-    found = LocalSearches(*tried, belief.floor, SIDES, 2, 0.3)
+    U, y = tried
+    found = LocalSearches(U, y, belief.floor, SIDES, 2, 0.3)
     rng = np.random.default_rng(1)
     points = np.array([found.pick(belief, rank, rng) for _ in range(20)])
     assert np.all((points >= 0.0) & (points <= 1.0))
     assert np.all(np.linalg.norm(points - summit, axis=1) < 0.2)
     # About half of the picks are the best of the box, the others steps, of which most promise less.
-    assert np.mean(hills(points) > tried[1][found.centres[rank]]) > 0.5
+    assert np.mean(hills(points) > y[found.centres[rank]]) > 0.5
