@@ -6,8 +6,8 @@ basin. A candidate's score is the expected improvement on its own incumbent time
 reaches the level of the best. A basin that has been confirmed has little left to improve, so the search
 turns to the others by itself, and when all are confirmed it refines them. A quarter of the trials of that last
 stage goes instead to where an unconfirmed basin of the top level is least improbable, because a surrogate
-that is too sure of itself would never look there; and a quarter polishes incumbents without a model, because a
-smooth surrogate never finds the summit of a kink.
+that is too sure of itself would never look there; and a quarter, half when refining promises nothing any more,
+polishes incumbents without a model, because a smooth surrogate never finds the summit of a kink.
 
 Where the function has a plateau, as a grasp's quality has, most of the space is of no use, and the search is
 by local searches around the best diverse points instead. Where it has none and the number of solutions is given, one
@@ -37,7 +37,8 @@ from mebo_grasp.optimization.surrogate.belief import Belief, Beliefs, PlateauSur
 SAME_PLACE = 1e-3
 """A pick this near to an observation, in every coordinate of the cube, does not open a new basin."""
 LATE_TURNS = ("refinement", "exploration", "refinement", "polishing")
-"""What trials are for, in turn, when the best candidate's basin is confirmed."""
+REFINED_TURNS = ("exploration", "exploration", "polishing", "polishing")
+"""What trials are for, in turn, when the best candidate's basin is confirmed; and when no refinement promises more."""
 SET_PERIOD, SET_TURN = 3, 2
 """Without a plateau one trial in this many goes to the set of diverse points if their number is given."""
 DEFAULT_NUM_SOLUTIONS = 4
@@ -110,7 +111,7 @@ class BasinSearch(MethodBase):
             if turn == SET_TURN and self.settings.num_solutions is not None:
                 point, phase = self._pick_for_set(beliefs, views, self.settings.num_solutions), "solution set"
             else:
-                point, phase = pick(beliefs, views, LATE_TURNS[self._refinements % len(LATE_TURNS)], rng)
+                point, phase = pick(beliefs, views, self._refinements % len(LATE_TURNS), rng)
                 self._refinements += phase != "search"
             self._phase = self._phase if picks else phase
             picks.append(point)
@@ -188,14 +189,14 @@ def most_promising(beliefs: Beliefs, views: list[View], incumbents: list[FloatAr
 
 
 def pick(
-    beliefs: Beliefs, views: list[View], late_turn: str, rng: np.random.Generator
+    beliefs: Beliefs, views: list[View], late_turn: int, rng: np.random.Generator
 ) -> tuple[FloatArray, str]:
     """The candidate with the highest expected score, refined, shape (d,), and why it is taken.
 
     Args:
         beliefs: what is believed.
         views: one a member, of the same candidates.
-        late_turn: what to do if the best candidate's basin is confirmed, of ``LATE_TURNS``.
+        late_turn: which of ``LATE_TURNS`` it is if the best candidate's basin is confirmed.
         rng: source of randomness.
     """
     # All members fit the same values, so their scores have the same units and may be averaged.
@@ -208,12 +209,15 @@ def pick(
     if not view.confirmed[best] and not known:
         return point, "search"
     refined = value[:, best].max() <= np.log(view.level.resolution)
-    if late_turn == "polishing":
-        polished = polish(views[0].belief.U, views[0].belief.y, views[0].top_incumbents, rng)
+    turn = (REFINED_TURNS if refined else LATE_TURNS)[late_turn]
+    if turn == "polishing":
+        first, level = views[0], views[0].level
+        known_values = first.belief.U, first.belief.y
+        polished = polish(*known_values, first.incumbents, level.top, level.resolution, rng)
         if polished is not None:
-            return polished, late_turn
-    if late_turn == "exploration" or refined:
-        reach = np.max([np.where(view.confirmed, -np.inf, view.log_reach) for view in views], axis=0)
+            return polished, turn
+    if turn == "exploration" or refined:
+        reach = np.max([np.where(view.unknown, view.log_reach, -np.inf) for view in views], axis=0)
         if np.any(np.isfinite(reach)):
             return view.candidates[int(np.argmax(reach))], "exploration"
     return point, "refinement"

@@ -16,17 +16,23 @@ from mebo_grasp.optimization.acquisition.improvement import (
 )
 from mebo_grasp.optimization.initial_design import sobol
 from mebo_grasp.optimization.selection import basins
+from mebo_grasp.optimization.selection.basins import NO_INCUMBENT
 from mebo_grasp.optimization.surrogate.belief import Belief
 
 NET_SIZE, NET_SIZE_ABOVE_2D = 2048, 1024
+SMALLEST_NET = 256
+NET_WORK = 1_000_000
+"""Covariances of the net with the observations that may be computed for one look. With more the net is halved, and
+with it the number of candidates: the observations, which are looked at as well, stand for it."""
 LEVEL_NET_SIZE = 512
 MAX_CANDIDATES, MAX_CANDIDATES_ABOVE_2D = 128, 32
 """Above two dimensions no net resolves all basins, and more points cost more than they find."""
 TOP_SHARE = 0.05
 """A basin reaches the top if it comes within this share of the spread (best minus median) of the best."""
 NEIGHBOURS = 8
-NO_INCUMBENT = -1
 SLACK_SHARE = 1e-3
+REFINED = 1e-5
+"""A climb ends when a step gains less than this, relative, in the logarithm of what a trial is worth."""
 RESOLUTION_SHARE = 1e-6
 """Improvements below this share of the spread are not worth a trial."""
 
@@ -83,7 +89,8 @@ class View:
         log_chance: log probability to be off the plateau, shape (m,).
         own: value of each candidate's local incumbent, shape (m,).
         index: which of the belief's points the incumbent is, shape (m,); ``NO_INCUMBENT`` if there is none.
-        reach: how far the observations that were asked for it lie, shape (m, 2); see ``basins.Neighbours``.
+        reach: how far the observations that were asked for it lie, shape (m, 2); see ``basins.LocalIncumbents``.
+        gap: how far the nearest observation lies in the kernel's coordinates, shape (m,).
     """
 
     belief: Belief
@@ -95,6 +102,7 @@ class View:
     own: FloatArray
     index: npt.NDArray[np.int64]
     reach: FloatArray
+    gap: FloatArray
 
     @property
     def log_scores(self) -> FloatArray:
@@ -132,45 +140,62 @@ class View:
         own, index = self.own.copy(), self.index.copy()
         hopeful = hopeful[basins.same_basin(belief, self.candidates[hopeful], ends, self.level.slack)]
         own[hopeful], index[hopeful] = value, len(belief.y) - 1
-        log_chance = belief.log_chances(self.candidates)
-        return replace(self, belief=belief, mean=mean, sd=sd, log_chance=log_chance, own=own, index=index)
+        coordinates = basins.Coordinates(belief)
+        from_point = np.linalg.norm(coordinates(self.candidates) - coordinates(point[None]), axis=1)
+        return replace(
+            self, belief=belief, mean=mean, sd=sd, log_chance=belief.log_chances(self.candidates),
+            own=own, index=index, gap=np.minimum(self.gap, from_point),
+        )  # fmt: skip
 
     @property
-    def top_incumbents(self) -> npt.NDArray[np.int64]:
-        """Indices of the incumbents that have reached the top level, without repeats."""
-        reached = (self.index != NO_INCUMBENT) & (self.own >= self.level.top)
-        return np.unique(self.index[reached])
+    def unknown(self) -> npt.NDArray[np.bool_]:
+        """Which candidates may be explored, shape (m,): their basin is not confirmed, and no observation beside them.
+
+        Around a summit that is known better than the model can follow, the model sees basins where there are none.
+        """
+        return ~self.confirmed & (self.gap >= basins.SAME_MAXIMUM)
+
+    @property
+    def incumbents(self) -> npt.NDArray[np.int64]:
+        """Indices of the incumbents, without repeats."""
+        return np.unique(self.index[self.index != NO_INCUMBENT])
 
 
 def look(belief: Belief, candidates: FloatArray, level: Level) -> View:
     """Look at candidates, shape (m, d)."""
     mean, sd = belief.predict(candidates)
-    near = basins.basin_neighbours(belief, candidates, belief.U, NEIGHBOURS, level.slack)
-    values = np.where(near.shared, belief.y[near.index], -np.inf)
-    rows, best = np.arange(len(candidates)), np.argmax(values, axis=1)
-    own = values[rows, best]
-    index = np.where(np.isfinite(own), near.index[rows, best], NO_INCUMBENT)
-    own = np.where(np.isfinite(own), own, np.min(belief.y))
-    return View(belief, candidates, level, mean, sd, belief.log_chances(candidates), own, index, near.reach)
+    near = basins.local_incumbents(belief, candidates, belief.U, belief.y, NEIGHBOURS, level.slack)
+    own = np.where(near.index != NO_INCUMBENT, belief.y[near.index], np.min(belief.y))
+    log_chance = belief.log_chances(candidates)
+    return View(belief, candidates, level, mean, sd, log_chance, own, near.index, near.reach, near.gap)
+
+
+def _effort(belief: Belief) -> tuple[int, int]:
+    """Points of the net, and how many of its maxima of each kind are climbed."""
+    planar = belief.dim <= 2
+    size = NET_SIZE if planar else NET_SIZE_ABOVE_2D
+    limit = MAX_CANDIDATES if planar else MAX_CANDIDATES_ABOVE_2D
+    while size * len(belief.U) > NET_WORK and size > SMALLEST_NET:
+        size, limit = size // 2, max(limit // 2, MAX_CANDIDATES_ABOVE_2D)
+    return size, limit
 
 
 def find_candidates(belief: Belief, level: Level, rng: np.random.Generator) -> FloatArray:
     """Local maxima of mean plus standard deviation, of the mean, and of the chance of the top, shape (m, d)."""
     coordinates = basins.Coordinates(belief)
     planar = belief.dim <= 2
-    size = NET_SIZE if planar else NET_SIZE_ABOVE_2D
-    limit = MAX_CANDIDATES if planar else MAX_CANDIDATES_ABOVE_2D
-    nets = [basins.search_net(belief, size, rng), belief.U]
+    size, limit = _effort(belief)
+    fresh = basins.search_net(belief, size, rng)
     if not planar:
-        nets.append(basins.local_net(belief, size // 2, rng))
-    net = np.concatenate(nets)
-    where = coordinates(net)
-    mean, sd = belief.predict(net)
+        fresh = np.concatenate([fresh, basins.local_net(belief, size // 2, rng)])
+    net = np.concatenate([fresh, belief.U])
+    predictions = zip(belief.predict(fresh), belief.predict_observed(), strict=True)
+    mean, sd = (np.concatenate(parts) for parts in predictions)
     log_chance = belief.log_chances(net)
-    neighbours = 2 * belief.dim + 2
+    neighbourhoods = basins.Net(coordinates(net), 2 * belief.dim + 2)
 
     def maxima(values: FloatArray) -> FloatArray:
-        return net[basins.neighbourhood_maxima(values, where, neighbours)[:limit]]
+        return net[neighbourhoods.maxima(values, limit)]
 
     hopeful, peaks = maxima(belief.lifted(mean + sd, log_chance)), maxima(belief.lifted(mean, log_chance))
     improbable = maxima(log_ndtr((mean - level.top) / sd) + log_chance)
@@ -232,7 +257,7 @@ def refine(
     lower, upper = box if box is not None else (np.zeros(len(start)), np.ones(len(start)))
     result = minimize(
         objective, start, jac=True, method="L-BFGS-B", bounds=list(zip(lower, upper, strict=True)),
-        options={"maxiter": 30},
+        options={"maxiter": 30, "ftol": REFINED},
     )
     before = objective(start)[0]
     point: FloatArray = np.clip(result.x, lower, upper) if result.fun < before else start

@@ -7,6 +7,7 @@ after its map, in units of its lengthscales.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -24,8 +25,11 @@ from mebo_grasp.optimization.surrogate.warping import MappedKernel
 BoolArray = npt.NDArray[np.bool_]
 IndexArray = npt.NDArray[np.int64]
 
-SEGMENT_POINTS = 9
-"""Interior points at which a segment is probed."""
+SEGMENT_SHARES = np.delete(np.linspace(0.0, 1.0, 11), [0, 5, 10])
+"""Where a segment is probed besides its ends and its middle."""
+TEST_ROUNDS = (0, 1, 4)
+"""Of the observations near a candidate, best first, those from each of these on are tested together."""
+NO_INCUMBENT = -1
 LOCAL_CENTRES = 32
 LOCAL_WIDTHS = np.array([0.03, 0.1, 0.3])
 """A local net's centres, and its standard deviations in lengthscales."""
@@ -125,21 +129,39 @@ def local_net(posterior: GaussianProcess | Belief, size: int, rng: np.random.Gen
     return np.clip(centres + width * rng.standard_normal(centres.shape), 0.0, 1.0)
 
 
-def neighbourhood_maxima(values: FloatArray, points: FloatArray, neighbours: int) -> IndexArray:
-    """Indices of points with a value no lower than at their nearest ``neighbours``, best first.
+class Net:
+    """Points with their nearest neighbours, which are sought only for those that are asked for.
 
     Args:
-        values: shape (m,).
         points: shape (m, d), coordinates in which distances count.
-        neighbours: how many.
+        neighbours: how many count.
     """
-    count = min(neighbours + 1, len(values))
-    if count < 2:
-        return np.arange(len(values))
-    _, near = cKDTree(points).query(points, k=count)
-    top = np.flatnonzero(values >= np.max(values[near], axis=1))
-    result: IndexArray = top[np.argsort(-values[top], kind="stable")]
-    return result
+
+    def __init__(self, points: FloatArray, neighbours: int) -> None:
+        self._points = points
+        self._tree = cKDTree(points)
+        self._near = np.zeros((len(points), min(neighbours + 1, len(points))), dtype=np.int64)
+        self._known = np.zeros(len(points), dtype=bool)
+
+    def _neighbours(self, index: IndexArray) -> IndexArray:
+        new = index[~self._known[index]]
+        if len(new):
+            near = self._tree.query(self._points[new], k=self._near.shape[1])[1]
+            self._near[new] = np.asarray(near).reshape(len(new), -1)
+            self._known[new] = True
+        return self._near[index]
+
+    def maxima(self, values: FloatArray, limit: int) -> IndexArray:
+        """Indices of the best ``limit`` points with a value, of shape (m,), no lower than their neighbours'."""
+        order = np.argsort(-values, kind="stable")
+        kept = np.empty(0, dtype=np.int64)
+        for start in range(0, len(order), 2 * limit):
+            some = order[start : start + 2 * limit]
+            top = values[some] >= np.max(values[self._neighbours(some)], axis=1)
+            kept = np.concatenate([kept, some[top]])
+            if len(kept) >= limit:
+                break
+        return kept[:limit]
 
 
 def ascend(function: ValueAndGradient, starts: FloatArray, scales: FloatArray, steps: int) -> FloatArray:
@@ -196,33 +218,44 @@ def same_basin(posterior: GaussianProcess | Belief, A: FloatArray, B: FloatArray
     """
     if len(A) == 0:
         return np.zeros(0, dtype=bool)
-    shares = np.linspace(0.0, 1.0, SEGMENT_POINTS + 2)[:, None, None]
-    points = (1.0 - shares) * A + shares * B
-    means = posterior.predict_mean(points.reshape(-1, A.shape[1])).reshape(len(shares), len(A))
-    lower_end = np.minimum(means[0], means[-1])
-    connected: BoolArray = np.min(means, axis=0) >= lower_end - slack
+
+    def means(shares: FloatArray, few: BoolArray) -> FloatArray:
+        points = (1.0 - shares[:, None, None]) * A[few] + shares[:, None, None] * B[few]
+        return posterior.predict_mean(points.reshape(-1, A.shape[1])).reshape(len(shares), -1)
+
+    # Most segments that dip do so in the middle, and then need not be followed.
+    start, middle, end = means(np.array([0.0, 0.5, 1.0]), np.ones(len(A), dtype=bool))
+    floor = np.minimum(start, end) - slack
+    connected: BoolArray = middle >= floor
+    if np.any(connected):
+        connected[connected] = np.min(means(SEGMENT_SHARES, connected), axis=0) >= floor[connected]
     return connected
 
 
 @dataclass(frozen=True, eq=False)
-class Neighbours:
-    """For each of m candidates k observations near it: indices and which of them share its basin.
+class LocalIncumbents:
+    """For each of m candidates the best observation in its basin, among those near it.
 
     Args:
-        index: shape (m, k).
-        shared: shape (m, k).
-        reach: distance of the farthest of them in the kernel's coordinates and in the cube's, shape (m, 2).
+        index: which observation, shape (m,); ``NO_INCUMBENT`` where none of them shares the basin.
+        reach: distance of the farthest of those near it in the kernel's coordinates and in the cube's, shape (m, 2).
+        gap: distance of the nearest of all observations in the kernel's coordinates, shape (m,).
     """
 
     index: IndexArray
-    shared: BoolArray
     reach: FloatArray
+    gap: FloatArray
 
 
-def basin_neighbours(
-    posterior: GaussianProcess | Belief, candidates: FloatArray, U: FloatArray, count: int, slack: float
-) -> Neighbours:
-    """Find the nearest observations of each candidate and test each for the same basin.
+def local_incumbents(
+    posterior: GaussianProcess | Belief,
+    candidates: FloatArray,
+    U: FloatArray,
+    y: FloatArray,
+    count: int,
+    slack: float,
+) -> LocalIncumbents:
+    """Find the best observation in the basin of each candidate among its nearest.
 
     The nearest are taken in the kernel's coordinates and in the cube's: a kernel that thinks little of some
     dimension would call points neighbours that lie far apart.
@@ -231,7 +264,8 @@ def basin_neighbours(
         posterior: the surrogate.
         candidates: shape (m, d).
         U: observed points, shape (n, d).
-        count: how many are tested a candidate in each of the two coordinates.
+        y: their values, shape (n,).
+        count: how many are near a candidate in each of the two coordinates.
         slack: see ``same_basin``.
     """
     coordinates = Coordinates(posterior)
@@ -241,12 +275,20 @@ def basin_neighbours(
     nearest = (by_kernel, by_cube)
     index = np.concatenate([np.asarray(i, dtype=np.int64).reshape(-1, count) for _, i in nearest], axis=1)
     reach = np.stack([np.asarray(far).reshape(-1, count)[:, -1] for far, _ in nearest], axis=1)
+    ranked = np.take_along_axis(index, np.argsort(-y[index], axis=1, kind="stable"), axis=1)
     # Many are near in both coordinates; each pair is tested once.
-    pairs = np.arange(len(candidates))[:, None] * len(U) + index
-    distinct_pairs, where = np.unique(pairs, return_inverse=True)
-    starts, ends = np.divmod(distinct_pairs, len(U))
-    shared = same_basin(posterior, candidates[starts], U[ends], slack)[where].reshape(index.shape)
-    return Neighbours(index, shared, reach)
+    fresh = np.ones(ranked.shape, dtype=bool)
+    fresh[:, 1:] = ranked[:, 1:] != ranked[:, :-1]
+    found = np.full(len(candidates), NO_INCUMBENT, dtype=np.int64)
+    # The best first: where it shares the basin, the others need no test.
+    for first, last in itertools.pairwise((*TEST_ROUNDS, ranked.shape[1])):
+        open_ones = np.flatnonzero(found == NO_INCUMBENT)
+        rows, columns = np.nonzero(fresh[open_ones, first:last])
+        rows, ends = open_ones[rows], ranked[open_ones, first:last][rows, columns]
+        shared = same_basin(posterior, candidates[rows], U[ends], slack)
+        # Ends are in order of value within a row, so writing them backwards leaves the best.
+        found[rows[shared][::-1]] = ends[shared][::-1]
+    return LocalIncumbents(found, reach, np.asarray(by_kernel[0]).reshape(-1, count)[:, 0])
 
 
 def within_reach(belief: Belief, candidates: FloatArray, point: FloatArray, reach: FloatArray) -> BoolArray:

@@ -18,19 +18,27 @@ FINEST_STEP = 1e-7
 
 
 def polish(
-    U: FloatArray, y: FloatArray, incumbents: npt.NDArray[np.int64], rng: np.random.Generator
+    U: FloatArray,
+    y: FloatArray,
+    incumbents: npt.NDArray[np.int64],
+    top: float,
+    resolution: float,
+    rng: np.random.Generator,
 ) -> FloatArray | None:
-    """Return a point beside the incumbent that is known least exactly, shape (d,); None if all are exact.
+    """Return a point beside the incumbent that promises most, shape (d,); None if none promises anything.
 
-    How exactly an incumbent is known is told by the distance to its 2 d-th nearest neighbour, so a step is
-    halved when about that many trials around it have not been better. The step goes where the neighbours
-    leave most room; in one dimension that halves the larger side of the bracket.
+    What an incumbent may gain is taken to be as much as the function falls from it to its 2 d nearest neighbours: on
+    a cusp that is about right, on a smooth summit too much. The step is half as far as the 2 d-th of them, so it is
+    halved when about that many trials around have not been better, and goes where the neighbours leave most room; in
+    one dimension that halves the larger side of the bracket.
 
     Args:
         U: tried points, shape (n, d), unit cube.
         y: their values, shape (n,).
         incumbents: indices of incumbents; those with a better value among their 4 d nearest are left out, for
             a model that does not fit sees basins where there are none.
+        top: level that an incumbent must promise to reach.
+        resolution: a gain that is too small to matter.
         rng: draws directions.
     """
     dim = U.shape[1]
@@ -38,18 +46,17 @@ def polish(
         return None
     gaps = np.linalg.norm(U[incumbents][:, None] - U[None], axis=2)
     near = np.argsort(gaps, axis=1)[:, : 4 * dim + 1]
-    real = y[incumbents] >= np.max(y[near], axis=1)
-    incumbents, gaps, near = incumbents[real], gaps[real], near[real]
-    if len(incumbents) == 0:
+    own = y[incumbents]
+    gain = own - np.mean(y[near[:, 1 : 2 * dim + 1]], axis=1)
+    steps = 0.5 * np.take_along_axis(gaps, near, axis=1)[:, 2 * dim]
+    real = own >= np.max(y[near], axis=1)
+    worth = real & (own + gain >= top) & (gain > resolution) & (steps >= FINEST_STEP)
+    if not np.any(worth):
         return None
-    reach = np.take_along_axis(gaps, near, axis=1)[:, 2 * dim]
-    coarsest = int(np.argmax(reach))
-    step = 0.5 * reach[coarsest]
-    if step < FINEST_STEP:
-        return None
+    most = int(np.argmax(np.where(worth, gain, -np.inf)))
     directions = rng.standard_normal((DIRECTIONS, dim))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    points = np.clip(U[incumbents[coarsest]] + step * directions, 0.0, 1.0)
+    points = np.clip(U[incumbents[most]] + steps[most] * directions, 0.0, 1.0)
     room = np.min(np.linalg.norm(points[:, None] - U[None], axis=2), axis=1)
     point: FloatArray = points[int(np.argmax(room))]
     return point

@@ -18,6 +18,7 @@ from mebo_grasp.optimization.surrogate.kernels import (
     Kernel,
     LogNormalPrior,
     lengthscale_prior,
+    parameter_count,
     signal_prior,
 )
 
@@ -121,7 +122,7 @@ class SumKernel:
         return self.first.prior(dim) + self.second.prior(dim)
 
     def _split(self, theta: FloatArray, dim: int) -> tuple[FloatArray, FloatArray]:
-        size = len(self.first.prior(dim).mean)
+        size = parameter_count(self.first, dim)
         return theta[:size], theta[size:]
 
     def matrix(self, A: FloatArray, U: FloatArray, theta: FloatArray) -> FloatArray:

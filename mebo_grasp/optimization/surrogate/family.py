@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from scipy.optimize import minimize
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import FloatArray
@@ -15,7 +14,11 @@ from mebo_grasp.optimization.surrogate.additive import (
     ADDITIVE_SQUARED_EXPONENTIAL,
     SumKernel,
 )
-from mebo_grasp.optimization.surrogate.hyperparameters import log_posterior, log_posterior_and_gradient
+from mebo_grasp.optimization.surrogate.hyperparameters import (
+    climb_posterior,
+    log_posterior,
+    log_posterior_and_gradient,
+)
 from mebo_grasp.optimization.surrogate.kernels import MATERN52, SQUARED_EXPONENTIAL, Kernel, LogNormalPrior
 from mebo_grasp.optimization.surrogate.warping import KumaraswamyWarp, MappedKernel, StretchWarp, Turn, Warp
 
@@ -177,22 +180,7 @@ def climb(
     kernel: Kernel, U: FloatArray, z: FloatArray, start: FloatArray, iterations: int
 ) -> tuple[FloatArray, float]:
     """Climb the log posterior density from ``start``; return where it ends and its value there."""
-    prior = prior_of(kernel, U.shape[1])
-
-    def objective(vector: FloatArray) -> tuple[float, FloatArray]:
-        try:
-            value, gradient = log_posterior_and_gradient(vector, U, z, kernel, prior)
-        except InvalidSettingsError:
-            # Where the covariance is numerically singular the line search shall back off.
-            return 1e25, np.zeros_like(vector)
-        return -value, -gradient
-
-    result = minimize(
-        objective, np.clip(start, prior.lower, prior.upper), jac=True, method="L-BFGS-B",
-        bounds=list(zip(prior.lower, prior.upper, strict=True)),
-        options={"maxiter": iterations, "ftol": 1e-6, "gtol": 1e-3},
-    )
-    return np.asarray(result.x, dtype=np.float64), -float(result.fun)
+    return climb_posterior(start, U, z, kernel, prior_of(kernel, U.shape[1]), iterations)
 
 
 def laplace_evidence(kernel: Kernel, U: FloatArray, z: FloatArray, vector: FloatArray, value: float) -> float:

@@ -201,6 +201,21 @@ class GaussianProcess:
             sd[chunk] = np.sqrt(np.maximum(prior - explained, _VARIANCE_FLOOR * prior))
         return mean * self.scale + self.centre, sd * self.scale
 
+    def predict_observed(self) -> tuple[FloatArray, FloatArray]:
+        """What ``predict`` returns at the observed points themselves, shape (n,) each, without their covariances.
+
+        With the noise variance v the mean is z - v K⁻¹ z and the variance v - v² diag(K⁻¹).
+        """
+        if self.n == 0:
+            return np.empty(0), np.empty(0)
+        prior = self.kernel.diagonal(self.U, self.hyperparameters.theta)
+        # By the factor itself, so that a jitter counts.
+        noise = self.L[0, 0] ** 2 - prior[0]
+        precision = np.einsum("ij,ij->j", self._inverse_factor, self._inverse_factor)
+        variance = np.maximum(noise - noise**2 * precision, _VARIANCE_FLOOR * prior)
+        mean = self.z - noise * self.weights
+        return mean * self.scale + self.centre, np.sqrt(variance) * self.scale
+
     def predict_mean(self, A: FloatArray) -> FloatArray:
         """Posterior mean at A, shape (m, d); much cheaper than ``predict``. Returns shape (m,)."""
         A = np.asarray(A, dtype=np.float64)
@@ -232,15 +247,26 @@ class GaussianProcess:
             return *self.predict(A), np.zeros_like(A), np.zeros_like(A)
         theta = self.hyperparameters.theta
         K = self.kernel.matrix(A, self.U, theta)
-        solved, _ = lapack.dpotrs(self.L, K.T, lower=1)
+        inverse = self._inverse_factor
+        if len(A) == 1:
+            # A single point is bound by memory, and this reads half as much as the general product.
+            half = blas.dtrmv(inverse, K[0], lower=1)
+            solved = blas.dtrmv(inverse, half, lower=1, trans=1)[:, None]
+            explained = np.array([half @ half])
+        else:
+            V = blas.dtrmm(1.0, inverse, K.T, lower=1)
+            solved = blas.dtrmm(1.0, inverse, V, lower=1, trans_a=1)
+            explained = np.einsum("ij,ij->j", V, V)
         prior = self.kernel.diagonal(A, theta)
-        explained = np.einsum("ij,ji->i", K, solved)
         mean = (K @ self.weights) * self.scale + self.centre
         sd = np.sqrt(np.maximum(prior - explained, _VARIANCE_FLOOR * prior)) * self.scale
+        # Both gradients in one call: for a single point the call costs more than what it computes.
+        W = np.concatenate([solved.T, np.broadcast_to(self.weights, K.shape)])
+        both = self.kernel.input_gradient(np.concatenate([A, A]), self.U, theta, W)
         # The prior variance is constant for all kernels here, so only the explained part varies.
-        d_variance = -2.0 * self.kernel.input_gradient(A, self.U, theta, np.ascontiguousarray(solved.T))
+        d_variance, d_mean = -2.0 * both[: len(A)], both[len(A) :] * self.scale
         d_sd = d_variance * (self.scale**2 / (2.0 * sd))[:, None]
-        return mean, sd, self.mean_gradient(A), d_sd
+        return mean, sd, d_mean, d_sd
 
     def condition_on(self, A: FloatArray, values: FloatArray) -> GaussianProcess:
         """Return the posterior with further points A, shape (m, d), and values, shape (m,), units of y.

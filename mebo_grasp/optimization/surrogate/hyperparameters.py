@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,11 @@ from mebo_grasp.optimization.surrogate.gaussian_process import (
 from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel, LogNormalPrior
 
 NOISE_MEDIAN, NOISE_SD = 1e-5, 2.0
+
+
+LogDensity = Callable[[FloatArray], tuple[float, FloatArray]]
+"""Of hyperparameters, shape (p + 1,): the logarithm up to a constant and its gradient; may raise InvalidSettingsError
+where a covariance is singular."""
 
 
 def noise_prior() -> LogNormalPrior:
@@ -60,9 +66,9 @@ class LearningSettings:
             )
 
 
-def full_prior(dim: int, kernel: Kernel) -> LogNormalPrior:
-    """Prior of the kernel's parameters and the noise variance, p + 1 entries."""
-    return kernel.prior(dim) + noise_prior()
+def full_prior(dim: int, kernel: Kernel, noise: LogNormalPrior | None = None) -> LogNormalPrior:
+    """Prior of the kernel's parameters and the noise variance (default ``noise_prior``), p + 1 entries."""
+    return kernel.prior(dim) + (noise or noise_prior())
 
 
 def log_posterior_and_gradient(
@@ -102,6 +108,7 @@ def learn(
     current: Hyperparameters | None = None,
     rng: np.random.Generator | None = None,
     settings: LearningSettings | None = None,
+    noise: LogNormalPrior | None = None,
 ) -> tuple[Hyperparameters, float]:
     """Return the most probable hyperparameters found and their log posterior density.
 
@@ -112,16 +119,17 @@ def learn(
         current: where the first search starts, if known.
         rng: draws the further starting points and the subset.
         settings: how to search.
+        noise: prior of the noise variance; default ``noise_prior``.
     """
     settings = settings or LearningSettings()
     rng = rng or np.random.default_rng(0)
-    prior = full_prior(U.shape[1], kernel)
+    prior = full_prior(U.shape[1], kernel, noise)
     mask = subset(z, settings.max_points, rng)
     U, z = np.ascontiguousarray(U[mask]), z[mask]
     starts = _starts(prior, current, rng, settings)
     if len(z) > settings.scout_points:
         starts = [_scouted(starts, current is not None, U, z, kernel, prior, rng, settings)]
-    ends = [_climb(start, U, z, kernel, prior, settings.max_iterations) for start in starts]
+    ends = [climb_posterior(start, U, z, kernel, prior, settings.max_iterations) for start in starts]
     best_vector, best_value = max(ends, key=lambda end: end[1])
     return Hyperparameters.from_vector(best_vector), best_value
 
@@ -140,9 +148,20 @@ def _scouted(
     mask = subset(z, settings.scout_points, rng)
     few_U, few_z = np.ascontiguousarray(U[mask]), z[mask]
     fresh = starts[1:] if first_is_known else starts
-    ends = [_climb(start, few_U, few_z, kernel, prior, settings.max_iterations)[0] for start in fresh]
+    ends = [
+        climb_posterior(start, few_U, few_z, kernel, prior, settings.max_iterations)[0] for start in fresh
+    ]
     candidates = [*starts[:1], *ends] if first_is_known else ends
-    return min(candidates, key=lambda vector: _loss(vector, U, z, kernel, prior)[0])
+    return max(candidates, key=lambda vector: _height(vector, U, z, kernel, prior))
+
+
+def _height(
+    vector: FloatArray, U: FloatArray, z: FloatArray, kernel: Kernel, prior: LogNormalPrior
+) -> float:
+    try:
+        return log_posterior(vector, U, z, kernel, prior)
+    except InvalidSettingsError:
+        return -np.inf
 
 
 def _starts(
@@ -159,7 +178,35 @@ def _starts(
     return [np.clip(start, prior.lower, prior.upper) for start in starts]
 
 
-def _climb(
+def climb(
+    density: LogDensity, prior: LogNormalPrior, start: FloatArray, max_iterations: int
+) -> tuple[FloatArray, float]:
+    """Climb a log density by L-BFGS-B within the prior's box; return where it ends and its value there.
+
+    Args:
+        density: what to climb.
+        prior: tells the box.
+        start: where to begin, shape (p + 1,); clipped to the box.
+        max_iterations: of L-BFGS-B.
+    """
+
+    def loss(vector: FloatArray) -> tuple[float, FloatArray]:
+        try:
+            value, gradient = density(vector)
+        except InvalidSettingsError:
+            # Where the covariance is numerically singular the line search shall back off.
+            return 1e25, np.zeros_like(vector)
+        return -value, -gradient
+
+    result = minimize(
+        loss, np.clip(start, prior.lower, prior.upper), jac=True, method="L-BFGS-B",
+        bounds=list(zip(prior.lower, prior.upper, strict=True)),
+        options={"maxiter": max_iterations, "ftol": 1e-6, "gtol": 1e-3},
+    )  # fmt: skip
+    return np.asarray(result.x, dtype=np.float64), -float(result.fun)
+
+
+def climb_posterior(
     start: FloatArray,
     U: FloatArray,
     z: FloatArray,
@@ -167,20 +214,7 @@ def _climb(
     prior: LogNormalPrior,
     max_iterations: int,
 ) -> tuple[FloatArray, float]:
-    result = minimize(
-        _loss, start, (U, z, kernel, prior), jac=True, method="L-BFGS-B",
-        bounds=list(zip(prior.lower, prior.upper, strict=True)),
-        options={"maxiter": max_iterations, "ftol": 1e-6, "gtol": 1e-3},
+    """Climb the log posterior density of (theta, log noise); see ``climb``."""
+    return climb(
+        lambda vector: log_posterior_and_gradient(vector, U, z, kernel, prior), prior, start, max_iterations
     )
-    return np.asarray(result.x, dtype=np.float64), -float(result.fun)
-
-
-def _loss(
-    vector: FloatArray, U: FloatArray, z: FloatArray, kernel: Kernel, prior: LogNormalPrior
-) -> tuple[float, FloatArray]:
-    try:
-        value, gradient = log_posterior_and_gradient(vector, U, z, kernel, prior)
-    except InvalidSettingsError:
-        # Where the covariance is numerically singular the line search shall back off.
-        return 1e25, np.zeros_like(vector)
-    return -value, -gradient

@@ -7,8 +7,9 @@ parameter vector, all entries logarithms, so every real vector is valid. For an 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
+from functools import cache
 from typing import Protocol
 
 import numpy as np
@@ -74,7 +75,7 @@ def signal_prior(count: int = 1) -> LogNormalPrior:
     return LogNormalPrior.repeated(count, 1.0 / count, SIGNAL_SD, 1e-3, 1e3)
 
 
-class Kernel(Protocol):
+class Kernel(Hashable, Protocol):
     """A covariance function; stateless, its parameters are passed to each call."""
 
     @property
@@ -103,6 +104,19 @@ class Kernel(Protocol):
         self, dim: int, theta: FloatArray, count: int, rng: np.random.Generator
     ) -> Callable[[FloatArray], FloatArray]:
         """Draw random features phi, points (m, d) -> (m, count), with E[phi(a) phi(b)] = k(a, b)."""
+
+
+class Parametrized(Hashable, Protocol):
+    """A kernel, or a part of one, that knows the prior of its parameters."""
+
+    def prior(self, dim: int) -> LogNormalPrior:
+        """Prior of the parameters for ``dim`` dimensions."""
+
+
+@cache
+def parameter_count(part: Parametrized, dim: int) -> int:
+    """Number of parameters for ``dim`` dimensions. Asked for at each evaluation, hence remembered."""
+    return len(part.prior(dim).mean)
 
 
 _PairLoop = Callable[[FloatArray, FloatArray, float], FloatArray]

@@ -4,7 +4,8 @@ The family is {Matérn 5/2 ARD, squared exponential ARD, additive Matérn 5/2, a
 additive squared exponential + Matérn 5/2 ARD} × {no warp, Kumaraswamy warp} (no warp above three dimensions), in two
 dimensions the additive ones also along turned axes × {no warp, stretch}. A member's worth is the Laplace
 approximation of its log evidence: the posterior density at its best hyperparameters, less half a nat for each
-e-fold by which the data narrow a parameter's variance. All members are learned when the number of values has
+e-fold by which the data narrow a parameter's variance. Where only some of the values were compared on, differences
+are taken to grow with the number of all. All members are learned when the number of values has
 grown by a fixed factor (with many values, those that have fallen far behind are only refreshed then), and in
 between only those that are believed. As long as the evidence does not decide, several are: each with its share of
 the evidence.
@@ -37,6 +38,7 @@ from mebo_grasp.optimization.surrogate.family import (
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess, Hyperparameters, standardize
 from mebo_grasp.optimization.surrogate.hyperparameters import subset
 from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel
+from mebo_grasp.optimization.surrogate.relearning import RelearningSchedule
 from mebo_grasp.optimization.surrogate.warping import StretchWarp
 
 MAX_BELIEVED, SMALLEST_SHARE = 3, 0.05
@@ -64,7 +66,7 @@ class StructureSettings:
     growth: float = 1.25
     max_points_family: int = 160
     max_points_thorough: int = 112
-    max_points: int = 400
+    max_points: int = 256
     scout_iterations: int = 5
     climb_iterations: int = 40
     refresh_iterations: int = 10
@@ -141,17 +143,14 @@ class StructuredSurrogate:
         settings: StructureSettings | None = None,
         structures: tuple[Structure, ...] | None = None,
     ) -> None:
-        if relearn_period < 1:
-            raise InvalidSettingsError(f"relearn_period must be at least 1 iteration, got {relearn_period}")
         self._dim = dim
-        self._period = relearn_period
+        self._schedule = RelearningSchedule(relearn_period)
         self._settings = settings or StructureSettings()
         self._members = [
             Member(structure, prior_of(structure.kernel, dim).mean) for structure in structures or family(dim)
         ]
         self._believed: tuple[int, ...] = (0,)
         self._compared_at = 0
-        self._since_learning: int | None = None
 
     @property
     def chosen(self) -> Member:
@@ -170,18 +169,19 @@ class StructuredSurrogate:
     def update(self, U: FloatArray, y: FloatArray, rng: np.random.Generator) -> Mixture:
         """Return what is believed given all values; relearns when due. To be called once an iteration."""
         # Nothing can be learned from fewer than three values or from equal ones: the prior stays.
-        if len(y) >= 3 and np.ptp(y) > 0.0:
-            due = self._since_learning is None or self._since_learning >= self._period
-            if len(y) >= self._settings.growth * max(self._compared_at, 2):
-                self._compare(U, y, rng)
-            elif due:
-                self._refresh(U, y, rng)
-        if self._since_learning is not None:
-            self._since_learning += 1
+        enough = len(y) >= 3 and bool(np.ptp(y) > 0.0)
+        compares = enough and len(y) >= self._settings.growth * max(self._compared_at, 2)
+        refreshes = not compares and enough and self._schedule.is_due(y)
+        if compares:
+            self._compare(U, y, rng)
+        if refreshes:
+            self._refresh(U, y, rng)
+        self._schedule.count(compares or refreshes)
         members = [self._members[i] for i in self._believed]
         shares = np.ones(1)
         if len(members) > 1:
-            shares = np.exp([member.evidence - members[0].evidence for member in members])
+            behind = np.array([member.evidence - members[0].evidence for member in members])
+            shares = np.exp(self._weight * behind)
         return Mixture(tuple(_fitted(member, U, y) for member in members), shares / np.sum(shares))
 
     def _data(
@@ -215,17 +215,23 @@ class StructuredSurrogate:
                 else replace(member, evidence=-np.inf)
             )
         self._members = learned
-        self._believed = self._most_probable()
         self._compared_at = len(y)
-        self._since_learning = 0
+        self._believed = self._most_probable()
         if len(y) > self._settings.max_points_family:
             self._refresh(U, y, rng)
+
+    @property
+    def _weight(self) -> float:
+        """All values over those that the members were compared on: a difference of evidence grows like that."""
+        return max(1.0, self._compared_at / self._settings.max_points_family)
 
     def _most_probable(self) -> tuple[int, ...]:
         evidence = np.array([member.evidence for member in self._members])
         order = np.argsort(-evidence, kind="stable")[:MAX_BELIEVED]
-        close = evidence[order] >= evidence[order[0]] + np.log(SMALLEST_SHARE)
-        return tuple(int(i) for i in order[close]) or (0,)
+        if not np.isfinite(evidence[order[0]]):
+            return (int(order[0]),)
+        close = self._weight * (evidence[order] - evidence[order[0]]) >= np.log(SMALLEST_SHARE)
+        return tuple(int(i) for i in order[close])
 
     def _scouted(
         self, member: Member, U: FloatArray, z: FloatArray, known: dict[Structure, FloatArray], cold: bool
@@ -263,7 +269,6 @@ class StructuredSurrogate:
         data = self._data(U, y, self._settings.max_points, rng)
         for i in self._believed:
             self._members[i] = _climbed(self._members[i], *data, self._settings.refresh_iterations)
-        self._since_learning = 0
 
     def state(self) -> dict[str, Any]:
         """What ``restore`` needs, as JSON values."""
@@ -279,7 +284,7 @@ class StructuredSurrogate:
             ],
             "believed": list(self._believed),
             "compared_at": self._compared_at,
-            "since_learning": self._since_learning,
+            "since_learning": self._schedule.iterations,
         }
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -301,7 +306,7 @@ class StructuredSurrogate:
         if not believed or not all(0 <= i < len(members) for i in believed) or compared_at < 0:
             raise RunLogError(f"the surrogate's state names members {believed} of {len(members)}")
         self._members, self._believed = members, believed
-        self._compared_at, self._since_learning = compared_at, since
+        self._compared_at, self._schedule.iterations = compared_at, since
 
 
 def _restored(member: Member, record: dict[str, Any]) -> Member:

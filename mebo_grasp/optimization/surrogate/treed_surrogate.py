@@ -14,7 +14,7 @@ from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess, 
 from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel
 from mebo_grasp.optimization.surrogate.mixture import MixtureProcess
 from mebo_grasp.optimization.surrogate.partition import Node, grow, path_parts
-from mebo_grasp.optimization.surrogate.relearning import RelearningSchedule
+from mebo_grasp.optimization.surrogate.relearning import RelearningSurrogate
 from mebo_grasp.optimization.surrogate.slice_sampling import SamplingSettings, sample_chain
 from mebo_grasp.optimization.surrogate.treed import LeafPosterior, TreedProcess
 from mebo_grasp.optimization.surrogate.weighted_likelihood import Part, WeightedPosterior
@@ -54,13 +54,11 @@ class TreeSettings:
             )
 
 
-class TreedSurrogate:
+class TreedSurrogate(RelearningSurrogate[TreedProcess]):
     """Grows the tree anew whenever it learns; in between, new observations join the leaves that they lie in.
 
     Args:
-        dim: number of dimensions.
-        relearn_period: iterations from one learning to the next.
-        kernel: covariance function of every leaf.
+        dim, relearn_period, kernel: see ``RelearningSurrogate``; the kernel is that of every leaf.
         settings: how to divide and to learn.
 
     Raises:
@@ -74,19 +72,10 @@ class TreedSurrogate:
         kernel: Kernel = MATERN52,
         settings: TreeSettings | None = None,
     ) -> None:
-        self._kernel = kernel
+        super().__init__(dim, relearn_period, kernel)
         self._settings = settings or TreeSettings()
-        self._schedule = RelearningSchedule(relearn_period)
         self._n_grown = 0
-        self._draws = [[Hyperparameters.default(dim, kernel)]]
-
-    def update(self, observations: Observations, rng: np.random.Generator) -> TreedProcess:
-        """Return the posterior given all values; grows and learns anew when due. To be called once an iteration."""
-        due = self._schedule.is_due(observations.y)
-        if due:
-            self._learn(observations, rng)
-        self._schedule.count(due)
-        return self.posterior(observations)
+        self._draws = [[self._default]]
 
     def posterior(self, observations: Observations) -> TreedProcess:
         """Return the posterior given all values with tree and hyperparameters as they are."""
@@ -123,7 +112,7 @@ class TreedSurrogate:
             if self._schedule.has_learned:
                 overlaps = [_overlap(path[0], other) for other in before]
                 known = self._draws[int(np.argmax(overlaps))][-1]
-            draws.append(self._learned(self._parts(path, observations.U, z), known, self._signal(z), rng))
+            draws.append(self._draws_for(self._parts(path, observations.U, z), known, self._signal(z), rng))
         self._draws = draws
 
     def _parts(self, path: tuple[Node, ...], U: FloatArray, z: FloatArray) -> list[Part]:
@@ -139,7 +128,7 @@ class TreedSurrogate:
     def _signal(self, z: FloatArray) -> float | None:
         return 0.25 * float(np.ptp(z)) ** 2 if self._settings.half_range_signal else None
 
-    def _learned(
+    def _draws_for(
         self,
         parts: list[Part],
         known: Hyperparameters | None,
@@ -153,34 +142,19 @@ class TreedSurrogate:
         start = np.clip(median if known is None else known.vector, density.prior.lower, density.prior.upper)
         return sample_chain(density, start, known is not None, rng, self._settings.sampling)
 
-    def state(self) -> dict[str, Any]:
-        """What ``restore`` needs, as JSON values."""
+    def _learned(self) -> dict[str, Any]:
         return {
             "n_grown": self._n_grown,
             "leaves": [[draw.vector.tolist() for draw in draws] for draws in self._draws],
-            "iterations_since_learning": self._schedule.iterations,
         }
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Continue from a state that ``state`` returned.
-
-        Raises:
-            RunLogError: the state does not fit.
-        """
-        try:
-            n_grown, count = int(state["n_grown"]), state["iterations_since_learning"]
-            leaves = [np.array(draws, dtype=np.float64) for draws in state["leaves"]]
-        except (KeyError, TypeError, ValueError) as error:
-            raise RunLogError(f"the surrogate's state is unreadable: {error!r}") from error
-        expected = self._draws[0][0].vector.size
-        fits = [v.ndim == 2 and v.shape[1] == expected and bool(np.all(np.isfinite(v))) for v in leaves]
-        if n_grown < 0 or not leaves or not all(fits):
+    def _restore_learned(self, state: dict[str, Any]) -> None:
+        n_grown, draws = int(state["n_grown"]), [self._draws_of(leaf) for leaf in state["leaves"]]
+        if n_grown < 0 or not draws:
             raise RunLogError(
-                f"the surrogate's state needs leaves with draws of {expected} finite parameters"
+                f"the surrogate's state needs leaves grown on at least 0 values, got {len(draws)} grown on {n_grown}"
             )
-        self._n_grown = n_grown
-        self._draws = [[Hyperparameters.from_vector(vector) for vector in draws] for draws in leaves]
-        self._schedule.iterations = None if count is None else int(count)
+        self._n_grown, self._draws = n_grown, draws
 
 
 def _overlap(a: Node, b: Node) -> float:

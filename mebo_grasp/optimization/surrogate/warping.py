@@ -7,14 +7,14 @@ functions"). Where a function is simple along other axes than the given ones, a 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from mebo_grasp.grasp import FloatArray
-from mebo_grasp.optimization.surrogate.kernels import Kernel, LogNormalPrior
+from mebo_grasp.optimization.surrogate.kernels import Kernel, LogNormalPrior, parameter_count
 
 _EDGE = 1e-4
 """Inputs are drawn in by this share of the side: the warp's slope may be infinite on the border."""
@@ -23,7 +23,7 @@ STRETCH_PLACES, STRETCH_PLACE_SD = (-0.25, 1.25), 0.4
 STRETCH_SD, STRETCH_NARROWEST = 1.5, 3e-3
 
 
-class InputMap(Protocol):
+class InputMap(Hashable, Protocol):
     """A map of the unit cube into itself with parameters phi, shape (k,)."""
 
     @property
@@ -252,7 +252,7 @@ class MappedKernel:
 
     def split(self, theta: FloatArray, dim: int) -> tuple[FloatArray, FloatArray]:
         """The kernel's parameters and the map's."""
-        size = len(self.map.prior(dim).mean)
+        size = parameter_count(self.map, dim)
         return theta[:-size], theta[-size:]
 
     def matrix(self, A: FloatArray, U: FloatArray, theta: FloatArray) -> FloatArray:

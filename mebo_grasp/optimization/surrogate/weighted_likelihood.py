@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import FloatArray
@@ -15,7 +14,7 @@ from mebo_grasp.optimization.surrogate.gaussian_process import (
     Hyperparameters,
     log_marginal_likelihood_and_gradient,
 )
-from mebo_grasp.optimization.surrogate.hyperparameters import full_prior
+from mebo_grasp.optimization.surrogate.hyperparameters import climb, full_prior
 from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel, StationaryKernel
 
 
@@ -84,21 +83,5 @@ class WeightedPosterior:
 
     def most_probable(self, starts: Sequence[FloatArray], max_iterations: int = 40) -> Hyperparameters:
         """The best end of climbs from ``starts``, shape (p + 1,) each, by L-BFGS-B."""
-
-        def loss(vector: FloatArray) -> tuple[float, FloatArray]:
-            try:
-                value, gradient = self.with_gradient(vector)
-            except InvalidSettingsError:
-                # Where the covariance is numerically singular the line search shall back off.
-                return 1e25, np.zeros_like(vector)
-            return -value, -gradient
-
-        bounds = list(zip(self.prior.lower, self.prior.upper, strict=True))
-        ends = [
-            minimize(
-                loss, np.clip(start, self.prior.lower, self.prior.upper), jac=True, method="L-BFGS-B",
-                bounds=bounds, options={"maxiter": max_iterations, "ftol": 1e-6, "gtol": 1e-3},
-            )
-            for start in starts
-        ]  # fmt: skip
-        return Hyperparameters.from_vector(min(ends, key=lambda end: float(end.fun)).x)
+        ends = [climb(self.with_gradient, self.prior, start, max_iterations) for start in starts]
+        return Hyperparameters.from_vector(max(ends, key=lambda end: end[1])[0])

@@ -26,7 +26,7 @@ def posterior():
 
 def test_all_maxima_of_a_known_function_are_found(posterior):
     net = basins.search_net(posterior, 128, np.random.default_rng(0))
-    top = basins.neighbourhood_maxima(posterior.predict_mean(net), basins.Coordinates(posterior)(net), 4)
+    top = basins.Net(basins.Coordinates(posterior)(net), 4).maxima(posterior.predict_mean(net), 128)
 
     def mean(points):
         return posterior.predict_mean(points), posterior.mean_gradient(points)
@@ -69,11 +69,36 @@ def test_representatives_are_one_point_a_basin_and_the_best_of_it(posterior):
     assert len(basins.representatives(posterior, U, y, 1e-3, limit=2)) == 2
 
 
-def test_basin_neighbours_know_the_valleys(posterior):
-    near = basins.basin_neighbours(posterior, np.array([[0.5]]), posterior.U, 12, 1e-3)
-    distance = np.abs(posterior.U[near.index[0], 0] - 0.5)
-    assert np.all(near.shared[0][distance < 0.14])
-    assert not np.any(near.shared[0][distance > 0.16])
+def test_the_best_maxima_of_a_net_are_those_of_all_points_compared_with_all():
+    rng = np.random.default_rng(0)
+    points, values = rng.random((200, 3)), rng.random(200)
+    distances = np.linalg.norm(points[:, None] - points[None], axis=2)
+    near = np.argsort(distances, axis=1)[:, :6]
+    order = np.argsort(-values)
+    expected = [i for i in order if values[i] >= values[near[i]].max()]
+    assert 12 < len(expected) < 100
+    net = basins.Net(points, 5)
+    for limit in (1, 12, 200):
+        np.testing.assert_array_equal(net.maxima(values, limit), expected[:limit])
+
+
+def test_the_local_incumbent_is_the_best_observation_before_the_next_valley(posterior):
+    U, y = posterior.U, posterior.y
+    # Between its valleys at 0.35 and 0.65 the middle peak is not told from the others by its value.
+    higher = y + np.where(np.abs(U[:, 0] - 0.8) < 0.1, 0.5, 0.0)
+    candidates = np.array([[0.42], [0.5], [0.58], [0.77]])
+    near = basins.local_incumbents(posterior, candidates, U, higher, 20, 1e-3)
+    np.testing.assert_allclose(U[near.index, 0], [0.5, 0.5, 0.5, 0.8], atol=1e-9)
+    # All that are near a point at the bottom of a valley lie up one of its slopes, none in a basin of its own.
+    np.testing.assert_allclose(near.reach[:, 1], np.sort(np.abs(candidates - U[:, 0]), axis=1)[:, 19])
+
+
+def test_without_an_observation_in_the_basin_there_is_no_incumbent():
+    # A sure valley between a candidate on a peak that was assumed and the only observation near it.
+    U, y = np.array([[0.1], [0.5], [0.9]]), np.array([1.0, 0.0, 1.0])
+    model = GaussianProcess.fit(U, y, Hyperparameters(np.log([0.12, 2.0]), np.log(1e-8)), SQUARED_EXPONENTIAL)
+    near = basins.local_incumbents(model, np.array([[0.9]]), U[:1], y[:1], 1, 1e-3)
+    assert near.index[0] == basins.NO_INCUMBENT
 
 
 def test_a_stretched_input_gets_more_of_the_net():

@@ -17,7 +17,7 @@ def test_kinked_summit_is_closed_in_on(dim, trials, accuracy):
     U = rng.random((20, dim))
     for _ in range(trials):
         y = np.array([tent(u) for u in U])
-        point = polish(U, y, np.array([np.argmax(y)]), rng)
+        point = polish(U, y, np.array([np.argmax(y)]), -0.1, 1e-9, rng)
         if point is None:
             break
         U = np.concatenate([U, point[None]])
@@ -27,27 +27,38 @@ def test_kinked_summit_is_closed_in_on(dim, trials, accuracy):
 def test_in_one_dimension_the_larger_side_of_the_bracket_is_halved():
     U = np.array([[0.0], [0.1], [0.5], [0.6], [1.0]])
     y = np.array([0.0, 0.1, 1.0, 0.2, 0.0])
-    point = polish(U, y, np.array([2]), np.random.default_rng(0))
+    point = polish(U, y, np.array([2]), 0.9, 1e-9, np.random.default_rng(0))
     assert point is not None
     np.testing.assert_allclose(point, [0.3])
 
 
-def test_the_incumbent_known_least_exactly_comes_first():
+def test_the_incumbent_that_may_gain_most_comes_first():
     U = np.array([[0.0], [0.1], [0.101], [0.102], [0.2], [0.5], [0.55], [0.6], [0.75], [0.8]])
     y = np.array([0.0, 0.5, 1.0, 0.5, 0.0, 0.0, 0.2, 1.0, 0.1, 0.0])
-    point = polish(U, y, np.array([2, 7]), np.random.default_rng(0))
-    assert point is not None
-    assert abs(point[0] - 0.6) == pytest.approx(0.05)
+
+    def polished(top, resolution, y=y):
+        return polish(U, y, np.array([2, 7]), top, resolution, np.random.default_rng(0))
+
+    # It falls by 0.5 around 0.101 and by (0.8 + 0.9) / 2 around 0.6.
+    assert abs(polished(0.9, 1e-9)[0] - 0.6) == pytest.approx(0.05)
+    # One that is lower comes first as well if what it may gain lifts it to the top: 0.7 + 0.55 = 1.25.
+    lower = np.where(np.arange(10) == 7, 0.7, y)
+    assert abs(polished(1.0, 1e-9, lower)[0] - 0.6) == pytest.approx(0.05)
+    assert abs(polished(1.3, 1e-9, lower)[0] - 0.101) == pytest.approx(0.0005)
+    assert polished(1.6, 1e-9, lower) is None
+    # 0.5 is too little, 0.85 not.
+    assert abs(polished(0.9, 0.6)[0] - 0.6) == pytest.approx(0.05)
+    assert polished(0.9, 0.9) is None
 
 
 def test_an_incumbent_beside_a_better_one_is_left_out():
     U = np.array([[0.0], [0.2], [0.5], [0.51], [0.9]])
     y = np.array([0.0, 0.1, 0.9, 1.0, 0.0])
-    assert polish(U, y, np.array([2]), np.random.default_rng(0)) is None
+    assert polish(U, y, np.array([2]), 0.9, 1e-9, np.random.default_rng(0)) is None
 
 
 def test_nothing_is_left_when_all_are_exact():
     U = 0.1 + 1e-9 * np.arange(-2.0, 3.0)[:, None]
-    y = -np.abs(np.arange(-2.0, 3.0))
-    assert polish(U, y, np.array([2]), np.random.default_rng(0)) is None
-    assert polish(U, y, np.array([], dtype=np.int64), np.random.default_rng(0)) is None
+    y = 1.0 - np.abs(np.arange(-2.0, 3.0))
+    assert polish(U, y, np.array([2]), 0.9, 1e-9, np.random.default_rng(0)) is None
+    assert polish(U, y, np.array([], dtype=np.int64), 0.9, 1e-9, np.random.default_rng(0)) is None

@@ -107,6 +107,23 @@ def test_paths_have_the_posteriors_moments():
     assert np.allclose(draws.std(0), sd, rtol=0.1)
 
 
+@pytest.mark.parametrize("noise", [1e-2, 1e-9])
+def test_at_the_observed_points_it_is_what_is_predicted_there(noise):
+    U, y = data()
+    gp = GaussianProcess.fit(U, y, Hyperparameters(HYPER.theta, float(np.log(noise))))
+    for got, expected in zip(gp.predict_observed(), gp.predict(U), strict=True):
+        np.testing.assert_allclose(got, expected, rtol=1e-5)
+
+
+def test_a_jitter_counts_as_noise_at_the_observed_points():
+    U, y = np.array([[0.3], [0.3], [0.8]]), np.array([1.0, 1.0, 2.0])
+    hyper = Hyperparameters(np.log([0.5, 1.0]), -80.0)
+    gp = GaussianProcess.fit(U, y, hyper, SQUARED_EXPONENTIAL)
+    assert gp.L[0, 0] > 1.0  # singular without one
+    np.testing.assert_allclose(gp.predict_observed()[0], gp.predict(U)[0], atol=1e-6)
+    assert np.all(gp.predict_observed()[1] > 0.0)
+
+
 def test_no_data_gives_the_prior():
     gp = GaussianProcess.fit(np.empty((0, 2)), np.empty(0))
     mean, sd = gp.predict(np.array([[0.3, 0.4]]))

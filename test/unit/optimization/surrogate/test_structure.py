@@ -192,3 +192,16 @@ def test_simpler_structures_come_before_those_built_on_them():
 def test_settings_out_of_range_are_refused(bad):
     with pytest.raises(InvalidSettingsError):
         StructureSettings(**bad)
+
+
+@pytest.mark.parametrize(("compared_at", "weight"), [(30, 1.0), (40, 1.0), (80, 2.0)])
+def test_evidence_on_a_share_of_the_values_counts_for_all(compared_at, weight):
+    surrogate = StructuredSurrogate(1, settings=StructureSettings(max_points_family=40))
+    state = surrogate.state()
+    for member, evidence in zip(state["members"], (10.0, 9.0), strict=False):
+        member.update(evidence=evidence, value=evidence)
+    state.update(believed=[0, 1], compared_at=compared_at, since_learning=1)
+    surrogate.restore(state)
+    U = np.linspace(0.0, 1.0, compared_at)[:, None]
+    shares = surrogate.update(U, U[:, 0] ** 2, np.random.default_rng(0)).shares
+    assert shares[1] / shares[0] == pytest.approx(np.exp(-weight))
