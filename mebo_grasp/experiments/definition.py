@@ -9,7 +9,7 @@ Keys of the file, all but ``objective`` and ``methods`` with a default:
 - ``budget``, ``initial``, ``batch``: evaluations a run, of them the initial design, and points a batch.
 - ``seeds``: how many, counted from 0, or a list.
 - ``metrics``: what the tables show (``scores.METRICS``).
-- ``parts``: a list; each has any of the keys above but title, about, seeds and metrics, and stands for itself.
+- ``parts``: a list; each has any of the keys above but title, about and metrics, and stands for itself.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ import yaml
 from mebo_grasp.errors import InvalidFileError, InvalidSettingsError
 from mebo_grasp.experiments.job import BATCH_SIZE, BUDGET, N_INITIAL, SEEDS, Job
 from mebo_grasp.experiments.objective import Objective
-from mebo_grasp.experiments.objectives import make_objective
+from mebo_grasp.experiments.objectives import make_objective, setting_names
 from mebo_grasp.experiments.peers import installed_peers
 from mebo_grasp.experiments.protocol import select_methods
 from mebo_grasp.experiments.run_costs import slow_peers
 from mebo_grasp.experiments.scores import METRICS, check_metrics
 from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD
 
-PART_KEYS = ("objective", "space", "methods", "budget", "initial", "batch")
-KEYS = ("title", "about", *PART_KEYS, "seeds", "metrics", "parts")
+PART_KEYS = ("objective", "space", "methods", "budget", "initial", "batch", "seeds")
+KEYS = ("title", "about", *PART_KEYS, "metrics", "parts")
 _FOLDER = "definitions"
 
 
@@ -128,10 +128,21 @@ def _overridden(content: dict[str, Any], overrides: Mapping[str, Any]) -> dict[s
                 part["objective"] = {k: v for k, v in part["objective"].items() if k != key}
         if key in KEYS:
             content[key] = value
-        else:
-            _check_mapping("objective", content.get("objective"))
+        elif "objective" in content:
+            _check_mapping("objective", content["objective"])
             content["objective"] = {**content["objective"], key: value}
+        else:
+            _set_in_parts(content["parts"], key, value)
     return content
+
+
+def _set_in_parts(parts: Sequence[dict[str, Any]], key: str, value: Any) -> None:
+    """Set a setting in the parts whose objective has it."""
+    fitting = [part for part in parts if key in setting_names(str(_mapping(part, "objective").get("name")))]
+    if not fitting:
+        raise InvalidSettingsError(f"no part's objective has a setting {key!r}")
+    for part in fitting:
+        part["objective"] = {**part["objective"], key: value}
 
 
 def make_definition(name: str, content: Mapping[str, Any]) -> Definition:
@@ -141,12 +152,13 @@ def make_definition(name: str, content: Mapping[str, Any]) -> Definition:
         InvalidSettingsError: a key or value is unknown, missing or out of range.
     """
     _check_keys("the experiment", content, KEYS)
-    seeds = _seeds(content.get("seeds", SEEDS))
     shared = {key: content[key] for key in PART_KEYS if key in content}
     jobs: dict[str, Job] = {}
+    places: dict[str, int] = {}
     for part in _parts(content) or [{}]:
         _check_keys("a part", part, PART_KEYS)
-        for job in _jobs_of(_merged(shared, part), seeds):
+        for place, job in _jobs_of(_merged(shared, part)):
+            places.setdefault(job.key, place)
             if jobs.setdefault(job.key, job).objective != job.objective:
                 raise InvalidSettingsError(
                     f"two objectives with other settings have one label, {job.objective.label!r}: let the label show "
@@ -155,7 +167,7 @@ def make_definition(name: str, content: Mapping[str, Any]) -> Definition:
     metrics = content.get("metrics", list(METRICS))
     names = tuple(_names("metrics", metrics))
     check_metrics(names)
-    ordered = sorted(jobs.values(), key=lambda job: seeds.index(job.seed))
+    ordered = sorted(jobs.values(), key=lambda job: places[job.key])
     title, about = str(content.get("title", name)), str(content.get("about", "")).strip()
     return Definition(name, title, about, names, tuple(ordered))
 
@@ -192,7 +204,8 @@ def _check_mapping(key: str, value: Any) -> None:
         raise InvalidSettingsError(f"{key} must hold a name and settings, got {value!r}")
 
 
-def _jobs_of(part: dict[str, Any], seeds: Sequence[int]) -> Iterable[Job]:
+def _jobs_of(part: dict[str, Any]) -> Iterable[tuple[int, Job]]:
+    """A part's runs, each with its seed's place among the part's seeds."""
     for key in ("objective", "methods"):
         if not part.get(key):
             raise InvalidSettingsError(f"an experiment needs {key}")
@@ -203,9 +216,10 @@ def _jobs_of(part: dict[str, Any], seeds: Sequence[int]) -> Iterable[Job]:
     batch = _count("batch", part.get("batch", BATCH_SIZE), 1)
     if initial > budget:
         raise InvalidSettingsError(f"initial must not be above the budget {budget}, got {initial}")
+    seeds = _seeds(part.get("seeds", SEEDS))
     for objective in _objectives(part["objective"]):
-        for method, seed in itertools.product(methods, seeds):
-            yield Job(method, objective, seed, budget, initial, batch)
+        for method, (place, seed) in itertools.product(methods, enumerate(seeds)):
+            yield place, Job(method, objective, seed, budget, initial, batch)
 
 
 def _objectives(settings: dict[str, Any]) -> list[Objective]:

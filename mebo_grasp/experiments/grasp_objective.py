@@ -147,7 +147,7 @@ class GraspObjective(Objective):
         scene = self.thesis_scene
         if scene is None:
             return {}
-        return scene.available(X[:, 2], _target(self).bounds.mean(axis=0))
+        return scene.available(X[:, 2], load_target(self.object, self.scale).bounds.mean(axis=0))
 
     def grasps(self, X: FloatArray) -> tuple[TargetObject, HandModel, list[Grasp]]:
         """Execute candidates once more: the same pose gives the same grasp."""
@@ -159,7 +159,10 @@ class _Bench:
     """An object before the hand, and the map from candidates to poses."""
 
     def __init__(self, objective: GraspObjective) -> None:
-        self.target, self.hand = _target(objective), HandModel.load(objective.hand)
+        self.target, self.hand = (
+            load_target(objective.object, objective.scale),
+            HandModel.load(objective.hand),
+        )
         self.poses = _pose_space(objective, self.target, self.hand)
         weights = distance_weights(self.poses.units, objective.rotation_weight)
         self.search_space = SearchSpace(
@@ -198,8 +201,14 @@ def _bench(objective: GraspObjective) -> _Bench:
 
 
 @lru_cache(maxsize=4)
-def _target(objective: GraspObjective) -> TargetObject:
-    package, colon, file = objective.object.partition(":")
-    if colon and not Path(objective.object).exists():
-        return TargetObject.from_file(package_folder(package) / file, objective.scale)
-    return TargetObject.load(objective.object, objective.scale)
+def load_target(name: str, scale: float) -> TargetObject:
+    """Load a built-in object, a mesh file, or ``package:file``; the last few are kept.
+
+    Raises:
+        InvalidSettingsError: the package is not installed.
+        InvalidFileError: the mesh cannot be read.
+    """
+    package, colon, file = name.partition(":")
+    if colon and not Path(name).exists():
+        return TargetObject.from_file(package_folder(package) / file, scale)
+    return TargetObject.load(name, scale)

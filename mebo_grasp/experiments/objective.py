@@ -27,6 +27,19 @@ BatchFunction = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
+class NoisyOutcome:
+    """What came of a point that was carried out many times with noise.
+
+    Args:
+        mean, sd, worst: of the values; sd with n - 1 in the divisor.
+    """
+
+    mean: float
+    sd: float
+    worst: float
+
+
+@dataclass(frozen=True, eq=False)
 class Evaluator:
     """An opened objective.
 
@@ -34,10 +47,13 @@ class Evaluator:
         space: the box that is searched.
         function: maps points of shape (n, d), real units, to values of shape (n,); larger is better. A value that is
             not finite says that the trial failed. ``pointwise`` makes one of a function of a single point.
+        judge: if given, what comes of a point, shape (d,), in execution: it is asked of the point that a method
+            recommends after each batch.
     """
 
     space: SearchSpace
     function: BatchFunction
+    judge: Callable[[FloatArray], NoisyOutcome] | None = None
 
     def __call__(self, X: FloatArray) -> FloatArray:
         """Evaluate points of shape (n, d); returns values of shape (n,), NaN for a failed trial.
@@ -78,6 +94,21 @@ def pointwise(function: Callable[[FloatArray], float]) -> BatchFunction:
 
 
 @dataclass(frozen=True, eq=False)
+class Recommendation:
+    """The point that a method would have carried out, had the run ended there.
+
+    Args:
+        evaluations: how many there were.
+        x: the point, shape (d,), real units.
+        outcome: what came of it.
+    """
+
+    evaluations: int
+    x: FloatArray
+    outcome: NoisyOutcome
+
+
+@dataclass(frozen=True, eq=False)
 class Trace:
     """What a run evaluated, in the order of asking.
 
@@ -86,12 +117,14 @@ class Trace:
         y: values, shape (n,); NaN for failed trials.
         batches: for each ask after the initial design the rows of its points.
         solutions: points of the set that the method returned, shape (m, d), best first.
+        recommended: one after each batch since the initial design, where the objective judges them.
     """
 
     X: FloatArray
     y: FloatArray
     batches: list[list[int]]
     solutions: FloatArray
+    recommended: tuple[Recommendation, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,16 @@ from typing import Any, get_type_hints
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.experiments.cec2013_objective import Cec2013
 from mebo_grasp.experiments.grasp_objective import GraspObjective
+from mebo_grasp.experiments.noisy_objectives import NoisyFunction, NoisyGrasp
 from mebo_grasp.experiments.objective import Objective
 
 ENTRY_POINT_GROUP = "mebo_grasp.objectives"
 RESERVED = frozenset({"name", "method", "seed", "budget", "n_initial", "batch_size"})
 """Names that a setting of an objective cannot have: a run's own."""
 _LABEL = r"[\w.~-]+(/[\w.~-]+)*"
-_BUILTIN: dict[str, type[Objective]] = {"cec2013": Cec2013, "grasp": GraspObjective}
+_BUILTIN: dict[str, type[Objective]] = {
+    "cec2013": Cec2013, "grasp": GraspObjective, "noisy_function": NoisyFunction, "noisy_grasp": NoisyGrasp,
+}  # fmt: skip
 
 
 def objective_names() -> tuple[str, ...]:
@@ -58,6 +61,15 @@ def _load(name: str) -> Any:
             f"objective must be one of {', '.join(objective_names())} or package.module:Class, got {name!r}"
         )
     return getattr(import_module(module), attribute)
+
+
+def setting_names(name: str) -> tuple[str, ...]:
+    """Names of an objective's settings.
+
+    Raises:
+        InvalidSettingsError: there is none of this name.
+    """
+    return tuple(item.name for item in dataclasses.fields(objective_type(name)))
 
 
 def make_objective(name: str, settings: dict[str, Any]) -> Objective:

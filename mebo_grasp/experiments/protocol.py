@@ -10,7 +10,7 @@ from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.experiments.acquisition_study import STUDY_NAMES
 from mebo_grasp.experiments.job import Job
 from mebo_grasp.experiments.peers import PEER_NAMES
-from mebo_grasp.optimization.methods.base import MethodSettings
+from mebo_grasp.optimization.methods.base import DEFAULT_METHOD, LEARNING_NAMES, MCMC, MethodSettings
 from mebo_grasp.optimization.methods.registry import METHOD_NAMES
 
 
@@ -22,18 +22,30 @@ class Variant:
         method: name in the registry of methods.
         settings: fields of ``MethodSettings`` that differ from the defaults.
         note: what differs, for the tables' legend.
-        of_surrogate: whether the surrogate differs; such variants are a group of their own, not part of ``all``.
+        group: of variants that are chosen together, and no part of ``all``; empty for the others.
     """
 
     method: str
     settings: dict[str, Any] = field(default_factory=dict)
     note: str = ""
-    of_surrogate: bool = False
+    group: str = ""
 
 
 _ON_ACQUISITION = (
     "Metropolis-Hastings on the acquisition itself, as the thesis's code does, not on exp(beta alpha)"
 )
+SURROGATES, SAFE = "surrogates", "safe"
+GROUPS = (SURROGATES, SAFE)
+
+
+def _treed(power: float | None, learning: str) -> Variant:
+    settings = {"surrogate": "treed_gp", "tree_weight_power": power, "learning": learning}
+    by = "by slice sampling" if learning == MCMC else "the most probable"
+    return Variant(
+        "bo", settings, f"treed Gaussian process, k = {power or 'infinity'}, hyperparameters {by}", SAFE
+    )
+
+
 VARIANTS: dict[str, Variant] = {
     "mebo_code": Variant("mebo", {"proportional_selection": True}, _ON_ACQUISITION),
     "e_mebo_code": Variant("e_mebo", {"proportional_selection": True}, _ON_ACQUISITION),
@@ -42,11 +54,23 @@ VARIANTS: dict[str, Variant] = {
         {"proportional_selection": True, "cluster_share": 0.5},
         f"{_ON_ACQUISITION}, and content with half of M clusters, not three quarters",
     ),
-    "mebo_se": Variant("mebo", {"kernel": "squared_exponential"}, "squared exponential kernel", True),
-    "mebo_additive": Variant("mebo", {"kernel": "additive_matern52"}, "additive Matérn 5/2 kernel", True),
-    "mebo_warped": Variant("mebo", {"warp": "kumaraswamy"}, "inputs warped", True),
-    "mebo_mcmc": Variant("mebo", {"learning": "mcmc"}, "hyperparameters by slice sampling", True),
-    "mebo_evidence": Variant("mebo", {"kernel": "evidence"}, "structure chosen by evidence", True),
+    "mebo_se": Variant("mebo", {"kernel": "squared_exponential"}, "squared exponential kernel", SURROGATES),
+    "mebo_additive": Variant(
+        "mebo", {"kernel": "additive_matern52"}, "additive Matérn 5/2 kernel", SURROGATES
+    ),
+    "mebo_warped": Variant("mebo", {"warp": "kumaraswamy"}, "inputs warped", SURROGATES),
+    "mebo_mcmc": Variant("mebo", {"learning": "mcmc"}, "hyperparameters by slice sampling", SURROGATES),
+    "mebo_evidence": Variant("mebo", {"kernel": "evidence"}, "structure chosen by evidence", SURROGATES),
+    "bo_mcmc": Variant("bo", {"learning": MCMC}, "hyperparameters by slice sampling", SAFE),
+    "ubo_mcmc": Variant("ubo", {"learning": MCMC}, "hyperparameters by slice sampling", SAFE),
+    **{
+        f"tgp_w{name}{suffix}": _treed(power, learning)
+        for suffix, learning in (("", LEARNING_NAMES[0]), ("_mcmc", MCMC))
+        for name, power in (("1", 1.0), ("2", 2.0), ("3", 3.0), ("inf", None))
+    },
+    f"{DEFAULT_METHOD}_safe": Variant(
+        DEFAULT_METHOD, {"safe": True}, "by what is expected under input noise", SAFE
+    ),
 }
 """Variants beside the methods' defaults; a variant whose method is absent is not offered."""
 
@@ -76,7 +100,7 @@ def known_methods() -> tuple[str, ...]:
 def select_methods(
     names: Iterable[str], default: str, installed_peers: Sequence[str], slow_peers: Sequence[str] = ()
 ) -> list[str]:
-    """Expand method names, ``default``, ``all``, ``peers`` and ``surrogates``, without repeats.
+    """Expand method names, ``default``, ``all``, ``peers``, ``surrogates`` and ``safe``, without repeats.
 
     Args:
         names: what was asked for.
@@ -87,12 +111,13 @@ def select_methods(
     Raises:
         InvalidSettingsError: a name is unknown.
     """
-    surrogates = tuple(name for name, variant in VARIANTS.items() if variant.of_surrogate)
-    ours = tuple(name for name in known_methods() if name not in (*surrogates, *PEER_NAMES))
+    special = {g: tuple(n for n, variant in VARIANTS.items() if variant.group == g) for g in GROUPS}
+    apart = {name for names in special.values() for name in names}
+    ours = tuple(name for name in known_methods() if name not in apart and name not in PEER_NAMES)
     groups = {
         "all": (*ours, *(peer for peer in installed_peers if peer not in slow_peers)),
         "peers": tuple(installed_peers),
-        "surrogates": surrogates,
+        **special,
         "default": (default,),
     }
     chosen: dict[str, None] = {}

@@ -1,15 +1,40 @@
-"""Figures that the thesis prints, by objective and column: of grasps (tables 7.8 to 7.11) and of niching functions."""
+"""Figures that the thesis and the UBO paper print, by objective and column."""
 
 from __future__ import annotations
 
-from mebo_grasp.experiments import published
+from dataclasses import dataclass, field
+
+from mebo_grasp.experiments import published, published_safe
 from mebo_grasp.experiments.cec2013_objective import Cec2013
 from mebo_grasp.experiments.grasp_objective import GraspObjective
+from mebo_grasp.experiments.noisy_objectives import NoisyFunction, NoisyGrasp
 from mebo_grasp.experiments.objective import Objective
 
 Printed = tuple[float, float | None]
 """Mean and standard deviation, where one is printed."""
 Row = tuple[Printed, ...]
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What a source prints for a column of ours.
+
+    Args:
+        by_method: by the source's name of the method.
+        source: "thesis" or "paper".
+        runs: over how many runs.
+    """
+
+    by_method: dict[str, Printed] = field(default_factory=dict)
+    source: str = "thesis"
+    runs: int = 10
+
+    @property
+    def rows(self) -> dict[str, Printed]:
+        """The figures by the names of their rows in tables."""
+        return {f"*{self.source} {name}*": printed for name, printed in self.by_method.items()}
+
+
 _METHODS = ("MEBO", "E-MEBO", "CL-MEBO", "SO-MS", "ROBOT")
 
 _BEST: dict[tuple[str, str], Row] = {
@@ -78,8 +103,8 @@ _CEC_TABLES = {
 _CEC_COLUMNS = ("PR", "SR", "CS code", "MGOs")
 
 
-def printed_figures(objective: Objective, column: str, is_study: bool = False) -> dict[str, Printed]:
-    """Return what the thesis prints for an objective, by its name of the method; {} where it prints nothing.
+def printed_figures(objective: Objective, column: str, is_study: bool = False) -> Figures:
+    """Return what a source prints for an objective; no figures where none prints any.
 
     Args:
         objective: ours.
@@ -87,10 +112,16 @@ def printed_figures(objective: Objective, column: str, is_study: bool = False) -
         is_study: whether the table compares acquisition functions (7.2 to 7.4) and not methods.
     """
     if isinstance(objective, GraspObjective):
-        return _grasp_figures(objective, column)
+        return Figures(_grasp_figures(objective, column))
     if isinstance(objective, Cec2013) and not objective.transformed:
-        return _cec_figures(objective.problem, column, is_study)
-    return {}
+        return Figures(_cec_figures(objective.problem, column, is_study))
+    if isinstance(objective, NoisyFunction):
+        figures = published_safe.function_figures(objective.problem, column)
+        return Figures(figures, "paper", published_safe.FUNCTION_RUNS)
+    if isinstance(objective, NoisyGrasp) and objective.quality == "simox_epsilon":
+        figures = published_safe.grasp_figures(objective.object, objective.facet, objective.space, column)
+        return Figures(figures, "paper", published_safe.GRASP_RUNS)
+    return Figures()
 
 
 def _grasp_figures(objective: GraspObjective, column: str) -> dict[str, Printed]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-TREED_COLUMNS = ("gp", "tgp_w1", "tgp_w2", "tgp_w3", "tgp_winf")
+FUNCTION_RUNS, GRASP_RUNS = 100, 30
+TREED_COLUMNS = ("GP", "TGP w1", "TGP w2", "TGP w3", "TGP winf")
 
 BEST_VALUES: dict[str, tuple[tuple[float, float], ...]] = {
     "rkhs": ((5.3279, 0.0642), (5.3993, 0.0638), (5.4472, 0.0621), (5.4375, 0.0627), (5.7305, 0.0128)),
@@ -24,11 +25,45 @@ BEST_VALUES: dict[str, tuple[tuple[float, float], ...]] = {
 deviations look like standard errors: between summits of 4.97 and 5.74 no mean of 5.33 has a deviation of 0.06."""
 
 SAFE_OUTCOMES: dict[str, dict[str, tuple[float, float, float]]] = {
-    "rkhs": {"bo": (4.863, 0.554, 2.881), "ubo": (4.934, 0.065, 4.657)},
-    "gaussian_mixture": {"bo": (0.080, 0.027, 0.023), "ubo": (0.093, 0.014, 0.053)},
-    "bottle_side": {"bo": (0.550, 0.077, 0.390), "ubo": (0.567, 0.065, 0.430)},
-    "mug": {"bo": (0.119, 0.029, 0.051), "ubo": (0.114, 0.027, 0.059)},
-    "glass": {"bo": (0.421, 0.184, 0.080), "ubo": (0.452, 0.087, 0.252)},
-    "drill": {"bo": (0.101, 0.030, 0.050), "ubo": (0.108, 0.018, 0.068)},
+    "rkhs": {"BO": (4.863, 0.554, 2.881), "UBO": (4.934, 0.065, 4.657)},
+    "gaussian_mixture": {"BO": (0.080, 0.027, 0.023), "UBO": (0.093, 0.014, 0.053)},
+    "bottle_side": {"BO": (0.550, 0.077, 0.390), "UBO": (0.567, 0.065, 0.430)},
+    "mug": {"BO": (0.119, 0.029, 0.051), "UBO": (0.114, 0.027, 0.059)},
+    "glass": {"BO": (0.421, 0.184, 0.080), "UBO": (0.452, 0.087, 0.252)},
+    "drill": {"BO": (0.101, 0.030, 0.050), "UBO": (0.108, 0.018, 0.068)},
 }
 """Table III: mean, standard deviation and worst of the recommended point's outcomes, each a mean over runs."""
+_OUTCOME_COLUMNS = ("mean", "sd", "worst")
+_SCENES = {
+    ("bottle", "+y"): "bottle_side",
+    ("bottle", "+z"): "bottle_top",
+    ("mug", "+y"): "mug",
+    ("glass", "+y"): "glass",
+    ("drill", "+y"): "drill",
+}
+
+
+def function_figures(problem: str, column: str) -> dict[str, tuple[float, float | None]]:
+    """Return what the paper prints of a function in a column of our tables, by its name of the method."""
+    return _best(problem) if column == "best" else _outcomes(problem, column)
+
+
+def grasp_figures(
+    object_name: str, facet: str, space: str, column: str
+) -> dict[str, tuple[float, float | None]]:
+    """Return what the paper prints of a grasp: best values with the synergy, outcomes by position."""
+    scene = _SCENES.get((object_name, facet), "")
+    if column == "best":
+        return _best(scene) if space == "synergy" else {}
+    return _outcomes(scene, column) if space == "position" else {}
+
+
+def _best(target: str) -> dict[str, tuple[float, float | None]]:
+    return dict(zip(TREED_COLUMNS, BEST_VALUES.get(target, ()), strict=False))
+
+
+def _outcomes(target: str, column: str) -> dict[str, tuple[float, float | None]]:
+    if column not in _OUTCOME_COLUMNS:
+        return {}
+    place = _OUTCOME_COLUMNS.index(column)
+    return {name: (row[place], None) for name, row in SAFE_OUTCOMES.get(target, {}).items()}

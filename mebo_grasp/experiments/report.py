@@ -17,13 +17,16 @@ from mebo_grasp.experiments.grasp_objective import GraspObjective
 from mebo_grasp.experiments.grasp_sets import ShownSet, draw_sets, extreme_sets, viewer_data
 from mebo_grasp.experiments.plots import plot_found_optima
 from mebo_grasp.experiments.scores import Run
-from mebo_grasp.experiments.study_plots import plot_best_values
+from mebo_grasp.experiments.study_plots import plot_best_values, plot_outcomes
 from mebo_grasp.experiments.study_tables import LEGEND, csv_text, make_tables, solution_table
 from mebo_grasp.experiments.table import Table
 from mebo_grasp.solutions.page import page_template
 
 PICTURED_METHODS = ("basin_search", "cl_mebo", "robot")
 """Whose worst and best sets are also drawn as pictures: the default and those that the thesis shows."""
+
+_GROUP_PLOTS = {"best": ("best_values", plot_best_values), "outcome": ("outcomes", plot_outcomes)}
+"""Plots of the objectives of a group by the metric that asks for them."""
 
 
 @dataclass(frozen=True)
@@ -81,10 +84,14 @@ def _solution_tables(definition: Definition, runs: Sequence[Run]) -> list[Table]
 
 def _plots(definition: Definition, runs: Sequence[Run], out: Path) -> list[Path]:
     plots = []
-    if "best" in definition.metrics:
-        for group in dict.fromkeys(run.job.objective.group for run in runs):
-            path = out / f"best_values{'-' if group else ''}{re.sub('[^a-z0-9_]+', '-', group.lower())}.png"
-            plot_best_values([run for run in runs if run.job.objective.group == group], group, path)
+    for metric, (stem, draw) in _GROUP_PLOTS.items():
+        drawn = [run for run in runs if metric != "outcome" or run.trace.recommended]
+        groups = (
+            dict.fromkeys(run.job.objective.group for run in drawn) if metric in definition.metrics else {}
+        )
+        for group in groups:
+            path = out / f"{stem}{'-' if group else ''}{re.sub('[^a-z0-9_]+', '-', group.lower())}.png"
+            draw([run for run in drawn if run.job.objective.group == group], group, path)
             plots.append(path)
     if "optima" in definition.metrics:
         path = out / "found_optima.png"

@@ -26,6 +26,7 @@ from mebo_grasp.experiments.locks import held
 from mebo_grasp.experiments.objective import Evaluator, Trace, WantedSet
 from mebo_grasp.experiments.peers import PEER_NAMES, Peer, make_peer, peer_packages
 from mebo_grasp.experiments.protocol import settings_of
+from mebo_grasp.experiments.recommendation import RecommendationJudge, read_recommendations
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.methods.base import MethodSettings
 from mebo_grasp.optimization.optimizer import INITIAL_PHASE, Optimizer
@@ -73,7 +74,7 @@ def run_job(job: Job, out: Path, stop: StopCheck = lambda: False) -> dict[str, A
     with _sole_writer(path), job.objective.open(job.seed) as evaluator:
         cpu_seconds, resumed, solutions = run(job, evaluator, path, stop)
         X, y, batches = read_trace(path)
-    trace = Trace(X, y, batches, solutions)
+    trace = Trace(X, y, batches, solutions, read_recommendations(path))
     return {
         "kind": "result",
         "format": RESULT_FORMAT,
@@ -109,6 +110,7 @@ def _run_method(
     resumed = path.exists()
     cpu = 0.0
     method, settings = settings_of(job)
+    judged = read_recommendations(path) if resumed else ()
     if resumed:
         optimizer = LoggedOptimizer.resume(path)
         _check_same_run(optimizer.optimizer, settings, evaluator.space, path)
@@ -117,6 +119,7 @@ def _run_method(
         optimizer = LoggedOptimizer.create(path, evaluator.space, method, settings, rng=job.seed)
         cpu += time.process_time() - begin
     try:
+        judge = RecommendationJudge(evaluator, optimizer, judged)
         while not optimizer.finished:
             if stop():
                 raise RunStopped
@@ -131,6 +134,7 @@ def _run_method(
                 else:
                     optimizer.tell(trial.id, float(value))
             cpu += time.process_time() - begin
+            cpu += judge.note()
         solutions = np.array([item.x for item in optimizer.solution_set()]).reshape(-1, evaluator.space.dim)
     finally:
         optimizer.close()

@@ -18,6 +18,7 @@ from mebo_grasp.experiments import set_metrics
 from mebo_grasp.experiments.grasp_objective import GraspObjective
 from mebo_grasp.experiments.job import Job
 from mebo_grasp.experiments.objective import Trace
+from mebo_grasp.experiments.recommendation import read_recommendations
 from mebo_grasp.experiments.run_job import read_space, read_trace
 from mebo_grasp.grasp import FloatArray
 
@@ -54,8 +55,9 @@ class Run:
         """
         X, y, batches = read_trace(job.log_path(out))
         solutions = np.array(result["solutions"], dtype=np.float64).reshape(-1, X.shape[1])
+        trace = Trace(X, y, batches, solutions, read_recommendations(job.log_path(out)))
         names, weights = read_space(job.log_path(out), X.shape[1])
-        return cls(job, result, Trace(X, y, batches, solutions), names, weights)
+        return cls(job, result, trace, names, weights)
 
     @property
     def solution_values(self) -> FloatArray:
@@ -167,6 +169,13 @@ def _optima(run: Run) -> dict[str, float]:
     }
 
 
+def _outcome(run: Run) -> dict[str, float]:
+    if not run.trace.recommended:
+        return {}
+    last = run.trace.recommended[-1].outcome
+    return {"mean": last.mean, "sd": last.sd, "worst": last.worst}
+
+
 def _batch_variance(run: Run) -> dict[str, float]:
     X = run.trace.X
     variances = [np.var(X[batch], axis=0) for batch in run.trace.batches if len(batch) > 1]
@@ -209,6 +218,12 @@ METRICS = {
         ),
         _optima,
         "Counted as in docs/benchmark.md. MGOs: mean over runs, not weighted by the optima found.",
+    ),
+    "outcome": Metric(
+        "Outcome of the recommended point",
+        (Column("mean", digits=4), Column("sd", False, 4), Column("worst", digits=4)), _outcome,
+        "The point that a method recommends in the end, carried out many times with input noise: mean, standard "
+        "deviation and worst of the values.",
     ),
     "batch_variance": Metric(
         "Batch variance", (Column("x", None, 4), Column("y", None, 4)), _batch_variance,

@@ -1,4 +1,7 @@
-"""Pictures of an experiment: the best value over evaluations (thesis, figures 7.3 to 7.5)."""
+"""Pictures of an experiment: best values over evaluations, and what comes of the recommended point.
+
+The former are the thesis's figures 7.3 to 7.5 and the UBO paper's 4 and 8, the latter the UBO paper's 5, 6 and 9 to 12.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import t as student_t
 
 from mebo_grasp.experiments.scores import Run
 from mebo_grasp.experiments.set_metrics import best_so_far
 from mebo_grasp.grasp import FloatArray
 
 MOST_COLUMNS = 5
+MEASURES = {"mean": "mean outcome", "sd": "standard deviation of the outcomes", "worst": "worst outcome"}
 
 
 def mean_curves(runs: Sequence[Run]) -> tuple[FloatArray, FloatArray]:
@@ -31,6 +36,52 @@ def mean_curves(runs: Sequence[Run]) -> tuple[FloatArray, FloatArray]:
     mean = np.where(counted.any(axis=0), np.where(counted, curves, 0.0).sum(axis=0) / n, np.nan)
     square = np.where(counted, (curves - mean) ** 2, 0.0).sum(axis=0)
     return mean, np.sqrt(square / np.maximum(n - 1, 1))
+
+
+def outcome_curves(runs: Sequence[Run], measure: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what came of the recommended points over evaluations.
+
+    Args:
+        runs: finished runs.
+        measure: "mean", "sd" or "worst".
+
+    Returns:
+        Evaluations after which all runs have a recommendation, the mean over runs there, and the half width of its
+        95 % confidence interval (Student's t; NaN for a single run), each of shape (n,).
+    """
+    by_run = [{r.evaluations: getattr(r.outcome, measure) for r in run.trace.recommended} for run in runs]
+    evaluations = sorted(set.intersection(*(set(known) for known in by_run)))
+    values = np.array([[known[n] for n in evaluations] for known in by_run]).reshape(len(runs), -1)
+    n = len(runs)
+    half = np.full(len(evaluations), np.nan)
+    if n > 1:
+        half = student_t.ppf(0.975, n - 1) * values.std(axis=0, ddof=1) / np.sqrt(n)
+    return np.array(evaluations, dtype=np.float64), values.mean(axis=0), half
+
+
+def plot_outcomes(runs: Sequence[Run], group: str, path: Path) -> None:
+    """Draw one row an objective, a panel a measure, a line a method: mean over runs with its 95 % confidence interval.
+
+    Args:
+        runs: finished runs of one group, all with recommendations.
+        group: what they have in common.
+        path: picture to write; its suffix says the format.
+    """
+    from matplotlib.figure import Figure
+
+    objectives = list(dict.fromkeys(run.job.objective for run in runs))
+    methods = list(dict.fromkeys(run.job.method for run in runs))
+    figure = Figure(figsize=(4.2 * len(MEASURES), 3.2 * len(objectives) + 0.5), layout="constrained")
+    for row, objective in enumerate(objectives):
+        for place, (measure, label) in enumerate(MEASURES.items()):
+            axes = figure.add_subplot(len(objectives), len(MEASURES), row * len(MEASURES) + place + 1)
+            for number, method in enumerate(methods):
+                picked = [r for r in runs if (r.job.objective, r.job.method) == (objective, method)]
+                if picked:
+                    _draw_band(axes, *outcome_curves(picked, measure), method, number)
+            axes.set_title(objective.column, fontsize=9)
+            _label(axes, label)
+    _finish(figure, group, path)
 
 
 def plot_best_values(runs: Sequence[Run], group: str, path: Path) -> None:
@@ -54,6 +105,11 @@ def plot_best_values(runs: Sequence[Run], group: str, path: Path) -> None:
         picked = [run for run in runs if run.job.objective == objective]
         _draw(axes, picked, methods)
         axes.set_title(objective.column, fontsize=9)
+    _finish(figure, group, path)
+
+
+def _finish(figure: Any, group: str, path: Path) -> None:
+    """Legend and heading, and the file."""
     figure.legend(
         *figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=8
     )
@@ -63,6 +119,21 @@ def plot_best_values(runs: Sequence[Run], group: str, path: Path) -> None:
     figure.savefig(path, dpi=100)
 
 
+def _draw_band(
+    axes: Any, evaluations: FloatArray, mean: FloatArray, half: FloatArray, method: str, number: int
+) -> None:
+    """A method's line with a band of a half width to each side."""
+    style = {"color": f"C{number % 10}", "lw": 1.3, "ls": ("-", "--", ":")[number // 10 % 3]}
+    axes.plot(evaluations, mean, label=method, **style)
+    axes.fill_between(evaluations, mean - half, mean + half, color=style["color"], alpha=0.10, lw=0)
+
+
+def _label(axes: Any, value: str) -> None:
+    axes.set_xlabel("evaluations", fontsize=8)
+    axes.set_ylabel(value, fontsize=8)
+    axes.tick_params(labelsize=7)
+
+
 def _draw(axes: Any, runs: Sequence[Run], methods: Sequence[str]) -> None:
     lowest = []
     for number, method in enumerate(methods):
@@ -70,14 +141,9 @@ def _draw(axes: Any, runs: Sequence[Run], methods: Sequence[str]) -> None:
         if not picked:
             continue
         mean, sd = mean_curves(picked)
-        evaluations = np.arange(1, len(mean) + 1)
-        style = {"color": f"C{number % 10}", "lw": 1.3, "ls": ("-", "--", ":")[number // 10 % 3]}
-        axes.plot(evaluations, mean, label=method, **style)
-        axes.fill_between(evaluations, mean - sd, mean + sd, color=style["color"], alpha=0.10, lw=0)
+        _draw_band(axes, np.arange(1.0, len(mean) + 1), mean, sd, method, number)
         lowest.append(mean[min(picked[0].job.n_initial, len(mean)) - 1])
     if lowest and np.all(np.isfinite(lowest)):
         # What the initial design finds is the same for all; the scale belongs to what comes after.
         axes.set_ylim(bottom=0.9 * min(lowest) if min(lowest) > 0.0 else None)
-    axes.set_xlabel("evaluations", fontsize=8)
-    axes.set_ylabel("best value", fontsize=8)
-    axes.tick_params(labelsize=7)
+    _label(axes, "best value")

@@ -1,4 +1,4 @@
-"""The tables of an experiment: a metric over methods and objectives, beside what the thesis prints.
+"""The tables of an experiment: a metric over methods and objectives, beside what the sources print.
 
 Every cell is the mean ± standard deviation (n - 1) over runs and their number; the best of a column stands out, and
 those that are significantly worse are marked.
@@ -14,8 +14,7 @@ from dataclasses import dataclass
 
 from mebo_grasp.experiments.acquisition_study import STUDY_NAMES
 from mebo_grasp.experiments.objective import Objective
-from mebo_grasp.experiments.published import THESIS_ROW
-from mebo_grasp.experiments.published_figures import Printed, printed_figures
+from mebo_grasp.experiments.published_figures import Figures, printed_figures
 from mebo_grasp.experiments.scores import METRICS, Column, Run
 from mebo_grasp.experiments.statistics import LEVEL, against_best, mean_sd
 from mebo_grasp.experiments.table import Table
@@ -26,7 +25,8 @@ MOST_OBJECTIVE_COLUMNS = 6
 LEGEND = (
     "Mean ± standard deviation (runs). **Bold**: best mean of a column; †: worse than it, p < "
     f"{LEVEL:g} (Wilcoxon signed-rank test, paired over seeds, Holm's correction over the methods; fewer than six "
-    "seeds cannot show it). *Italics*: printed in the thesis, ten runs."
+    "seeds cannot show it). *Italics*: as printed, in the thesis over ten runs, in the UBO paper over 100 of a "
+    "function and 30 of a grasp."
 )
 CSV_HEADER = (
     "table", "group", "objective", "column", "method", "source", "mean", "sd", "runs", "is_best", "p_against_best",
@@ -68,14 +68,14 @@ class TableColumn:
         head: of the objective, for readers.
         column: the number.
         cells: by method.
-        printed: the thesis's figures by its names of methods.
+        printed: what the source prints.
     """
 
     label: str
     head: str
     column: Column
     cells: dict[str, Cell]
-    printed: dict[str, Printed]
+    printed: Figures
 
 
 @dataclass(frozen=True)
@@ -110,11 +110,8 @@ class StudyTable:
             again = i > 0 and self.columns[i - 1].label == item.label
             header.append(item.column.name if again else self._head(item))
         rows = [(method, *(self._text(item, method) for item in self.columns)) for method in self.methods]
-        printed = dict.fromkeys(name for item in self.columns for name in item.printed)
-        rows += [
-            (THESIS_ROW.format(name), *(_printed_text(item, name) for item in self.columns))
-            for name in printed
-        ]
+        printed = dict.fromkeys(name for item in self.columns for name in item.printed.rows)
+        rows += [(name, *(_printed_text(item, name) for item in self.columns)) for name in printed]
         return Table(self.title, tuple(header), tuple(rows), note)
 
     def _head(self, item: TableColumn) -> str:
@@ -134,14 +131,16 @@ class StudyTable:
                 p = "" if cell.p is None else f"{cell.p:.6g}"
                 numbers = (f"{cell.mean:.10g}", f"{cell.sd:.10g}", str(cell.runs), str(int(cell.is_best)), p)
                 yield (*begin, method, "measured", *numbers)
-            for method, (mean, sd) in item.printed.items():
-                yield (*begin, method, "thesis", f"{mean:g}", "" if sd is None else f"{sd:g}", "10", "", "")
+            printed = item.printed
+            for method, (mean, sd) in printed.by_method.items():
+                spread = "" if sd is None else f"{sd:g}"
+                yield (*begin, method, printed.source, f"{mean:g}", spread, str(printed.runs), "", "")
 
 
 def _printed_text(item: TableColumn, name: str) -> str:
-    if name not in item.printed:
+    if name not in item.printed.rows:
         return NONE
-    mean, sd = item.printed[name]
+    mean, sd = item.printed.rows[name]
     digits = item.column.digits
     return f"{mean:.{digits}f}" + ("" if sd is None else f" ± {sd:.{digits}f}")
 
@@ -195,7 +194,7 @@ def _over_all(values: Sequence[dict[str, dict[str, dict[int, float]]]], column: 
         whole = set.intersection(*(set(seeds) for seeds in by_seed))
         if whole:
             cells[method] = {seed: sum(v[seed] for v in by_seed) / len(by_seed) for seed in sorted(whole)}
-    return TableColumn("all", f"mean over {len(values)}", column, _cells(cells, column), {})
+    return TableColumn("all", f"mean over {len(values)}", column, _cells(cells, column), Figures())
 
 
 def _cells(by_method: dict[str, dict[int, float]], column: Column) -> dict[str, Cell]:

@@ -29,7 +29,9 @@ SIDE_MARGIN = 0.05
 """By how much the lateral range exceeds the facet's side, metres (the paper's code)."""
 ANGLE = np.pi / 4.0
 """Half range of the three angles, radians (the paper's code)."""
-AMPLITUDES = (-1.0, 1.0)
+AMPLITUDES = (-3.0, 0.0)
+"""Of the first synergy, standard deviations: from straight fingers to the mean of the closings. A hand bent further
+meets the object before the palm is near: of random poses about the bottle none with an amplitude above 0 held it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,6 +26,7 @@ from mebo_grasp.optimization.optimizer import Incumbent, Optimizer, OptimizerSet
 from mebo_grasp.optimization.search_space import SearchSpace
 
 FORMAT_VERSION = 1
+NOTE = "note"
 
 
 def _package_version() -> str:
@@ -272,6 +273,10 @@ class LoggedOptimizer:
         self.optimizer.observe(x, value)
         self.log.write({"kind": "observe", "x": np.asarray(x).tolist(), "value": float(value)})
 
+    def note(self, content: dict[str, Any]) -> None:
+        """Write down something about the run, as JSON values, that does not bear on how it continues."""
+        self.log.write({**content, "kind": NOTE})
+
     def solution_set(self, size: int | None = None, min_distance: float | None = None) -> list[Incumbent]:
         """Good and diverse points; see ``Optimizer.solution_set``."""
         return self.optimizer.solution_set(size, min_distance)
@@ -334,7 +339,7 @@ def _replay(optimizer: Optimizer, record: dict[str, Any]) -> None:
         optimizer.tell_failed(record["id"], record["reason"])
     elif kind == "observe":
         optimizer.observe(record["x"], record["value"])
-    else:
+    elif kind != NOTE:
         raise RunLogError(f"unknown kind of record: {kind!r}")
 
 

@@ -119,6 +119,9 @@ def test_the_power_synergy_is_a_seventh_dimension() -> None:
     bent = [sum(space.to_posture([0, 0, 0, 0, 0, 0, a]).positions) for a in (-1.0, 0.0, 1.0)]
     assert bent == sorted(bent)
     assert bent[0] < bent[2]
+    with GraspSimulator(BOTTLE, LEFT, TrialSettings(quality="simox_epsilon", compute_volume=False)) as simulator:
+        good = [simulator.trial(space.to_pose(x), space.to_posture(x)).quality > 0.0 for x in uniform(space, 60, 2)]
+    assert sum(good) >= 3
     assert facet_space(BOTTLE, LEFT).to_posture(np.zeros(6)) == LEFT.preshape
 
 

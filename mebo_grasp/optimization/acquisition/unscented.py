@@ -5,6 +5,8 @@ x ± sqrt((d + k) S) by columns, with weights k / (d + k) and 1 / (2 (d + k)) (e
 what a function makes of the query are the weighted moments of its values there (eq. 12). They are exact
 for polynomials of second (mean) and first (covariance) degree.
 
+Beside a cliff, where the sigma points stand for little, ``of_draws`` makes the same of quasi-random draws of the noise.
+
 A sigma point that would leave the cube is clipped to it: nothing is known outside, so the surrogate's answer there
 would be its prior, and a summit at a bound would look worse than it is.
 """
@@ -16,22 +18,24 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import logsumexp
+from scipy.special import logsumexp, ndtri
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.acquisition.base import PointFunction
+from mebo_grasp.optimization.initial_design import sobol
 from mebo_grasp.optimization.input_noise import InputNoise
 from mebo_grasp.optimization.search_space import SearchSpace
 
 
 @dataclass(frozen=True, eq=False)
 class UnscentedTransform:
-    """Sigma points of a query. Build it with ``of_covariance`` or ``of_noise``.
+    """Sigma points of a query. Build it with ``of_covariance`` or ``of_noise``, or of draws with ``of_draws``.
 
     Args:
-        shifts: of the 2 d + 1 points, shape (2 d + 1, d), sides of the cube; the first is 0.
-        weights: shape (2 d + 1,), sum 1; the first is negative where k is.
+        shifts: of the s = 2 d + 1 sigma points, the first of which is 0, or of the draws; shape (s, d), sides of the
+            cube.
+        weights: shape (s,), sum 1; the first is negative where k is.
     """
 
     shifts: FloatArray
@@ -70,9 +74,23 @@ class UnscentedTransform:
         """
         return cls.of_covariance(noise.in_cube(space), noise.kappa)
 
+    @classmethod
+    def of_draws(cls, covariance: npt.ArrayLike, pairs: int) -> UnscentedTransform:
+        """Quasi-random draws of noise with a covariance, shape (d, d), always the same ones, each with its opposite.
+
+        Args:
+            covariance: symmetric, not negative, in sides of the unit cube.
+            pairs: how many draws, their opposites not counted.
+        """
+        matrix = np.asarray(covariance, dtype=np.float64)
+        values, vectors = np.linalg.eigh(matrix)
+        net = sobol(pairs, len(matrix), np.random.default_rng(0))
+        half = ndtri(np.clip(net, 1e-6, 1.0 - 1e-6)) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+        return cls(np.concatenate([half, -half]), np.full(2 * pairs, 0.5 / pairs))
+
     @property
     def size(self) -> int:
-        """Number of sigma points, 2 d + 1."""
+        """Number of sigma points, 2 d + 1, or of draws."""
         return len(self.shifts)
 
     def points(self, A: FloatArray) -> FloatArray:

@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 
 from mebo_grasp.grasp import FloatArray
-from mebo_grasp.optimization.methods.base import IndexArray, state_int
+from mebo_grasp.optimization.acquisition.unscented import UnscentedTransform
+from mebo_grasp.optimization.methods.base import IndexArray, MethodSettings, state_int
 from mebo_grasp.optimization.methods.basin_search import BasinSearch
 from mebo_grasp.optimization.methods.common import without_repeats
 from mebo_grasp.optimization.observations import Observations
+from mebo_grasp.optimization.search_space import SearchSpace
 from mebo_grasp.optimization.selection import basins
 from mebo_grasp.optimization.selection.basin_views import level_of
 from mebo_grasp.optimization.selection.safe_search import pick_safe
@@ -19,11 +21,18 @@ from mebo_grasp.optimization.selection.safe_search import pick_safe
 SAFE_PERIOD = 2
 """One trial in this many goes where most is expected under the noise; the others look for basins as ever."""
 
+NOISE_PAIRS = 16
+"""Draws of the noise, each with its opposite, over which beliefs are averaged: a plateau's cliff is no quadratic."""
+
 
 class SafeBasinSearch(BasinSearch):
     """The default method for ``safe`` runs, under the same name."""
 
     _turns = 0
+
+    def __init__(self, space: SearchSpace, settings: MethodSettings) -> None:
+        super().__init__(space, settings)
+        self.transform = UnscentedTransform.of_draws(settings.input_noise.in_cube(space), NOISE_PAIRS)
 
     def predictor(self, observations: Observations) -> Callable[[FloatArray], FloatArray]:
         """The mean of the most probable belief, plateau included."""

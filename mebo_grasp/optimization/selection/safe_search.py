@@ -12,10 +12,12 @@ from mebo_grasp.optimization.surrogate.belief import Belief
 
 NET_PER_DIM = 256
 HOPEFUL = 48
-"""Points of the net, the best ones without noise, that are looked at with noise, which costs 2 d + 1 times as much."""
-NEIGHBOURS, NEIGHBOURHOOD = 8, 1.0
-"""Points around each of the best observations, and their deviation in that of the noise."""
+"""Points of the net, and observations, the best ones without noise, that are looked at with noise, which costs more."""
+NEIGHBOURS = 8
+"""Points around each of the best observations, at draws of the noise."""
 CLIMBS = 2
+NEAR = 0.5
+"""An observation this near, in standard deviations of the noise, stands for a point itself."""
 
 
 class OptimisticBelief:
@@ -38,33 +40,57 @@ class OptimisticBelief:
         return self._belief.optimistic(A)
 
 
-def pick_safe(belief: Belief, transform: UnscentedTransform, rng: np.random.Generator) -> FloatArray:
-    """The point that is optimistically expected to do best under input noise, shape (d,).
+def pick_safe(belief: Belief, noise: UnscentedTransform, rng: np.random.Generator) -> FloatArray:
+    """Where to try next to learn which point does best under input noise, shape (d,).
+
+    That is the point that is optimistically expected to do best or, once it was tried, the one within its noise of
+    whose value least is known: to try it again and again would say nothing about what lies around it.
 
     Args:
         belief: what is believed, open trials included.
-        transform: the noise.
+        noise: draws of it.
         rng: source of the net.
     """
+    centre = most_hopeful(belief, noise, rng)
+    if not is_tried(belief.U, centre, noise):
+        return centre
+    around = noise.points(centre[None])
+    return around[int(np.argmax(deviation(belief, around)))]
+
+
+def is_tried(U: FloatArray, point: FloatArray, noise: UnscentedTransform) -> bool:
+    """Whether an observation of U, shape (n, d), is within ``NEAR`` deviations of the noise of a point, shape (d,)."""
+    sd = np.sqrt(noise.weights @ noise.shifts**2)
+    # Without noise in a direction nothing is near but the point itself.
+    offsets = (U - point) / np.maximum(sd, 1e-9)
+    return bool(np.any(np.linalg.norm(offsets, axis=1) <= NEAR))
+
+
+def deviation(belief: Belief, A: FloatArray) -> FloatArray:
+    """Standard deviation of the function's value, plateau included, shape (m,), at points A, shape (m, d)."""
+    mean, sd = belief.predict(A)
+    if belief.chance is None:
+        return sd
+    chance, gain = np.exp(belief.log_chances(A)), mean - belief.floor
+    total: FloatArray = np.sqrt(chance * (sd**2 + (1.0 - chance) * gain**2))
+    return total
+
+
+def most_hopeful(belief: Belief, noise: UnscentedTransform, rng: np.random.Generator) -> FloatArray:
+    """The point that is optimistically expected to do best under input noise, shape (d,)."""
     dim = belief.dim
     plain = OptimisticBelief(belief)
-    expected = Unscented(plain, transform)
+    expected = Unscented(plain, noise)
     net = sobol(NET_PER_DIM * dim, dim, rng)
     hopeful = net[np.argsort(-plain(net), kind="stable")[:HOPEFUL]]
-    outcomes = transform.mean(belief.predict_mean(transform.points(belief.U)))
-    best = belief.U[np.argsort(-outcomes, kind="stable")[:CLIMBS]]
+    known = belief.U[np.argsort(-belief.y, kind="stable")[:HOPEFUL]]
+    outcomes = noise.mean(belief.predict_mean(noise.points(known)))
+    best = known[np.argsort(-outcomes, kind="stable")[:CLIMBS]]
     # Steps of the noise's own size: within it the expected value hardly changes.
-    steps = NEIGHBOURHOOD * rng.standard_normal((CLIMBS, NEIGHBOURS, dim)) @ _root(transform)
-    near = np.clip(best[:, None] + steps[: len(best)], 0.0, 1.0).reshape(-1, dim)
-    candidates = np.concatenate([hopeful, near])
+    steps = rng.choice(noise.shifts, (len(best), NEIGHBOURS))
+    near = np.clip(best[:, None] + steps, 0.0, 1.0).reshape(-1, dim)
+    candidates = np.concatenate([hopeful, best, near])
     order = np.argsort(-expected(candidates), kind="stable")
     lower, upper = np.zeros(dim), np.ones(dim)
     ends = [climb(expected, candidates[i], lower, upper, 20) for i in order[:CLIMBS]]
     return max(ends, key=lambda end: end[1])[0]
-
-
-def _root(transform: UnscentedTransform) -> FloatArray:
-    """Square root of the noise's covariance, shape (d, d)."""
-    half = transform.shifts[1 : 1 + transform.size // 2]
-    root: FloatArray = half * np.sqrt(2.0 * transform.weights[1])
-    return root

@@ -43,8 +43,8 @@ def slot_values(
 ) -> FloatArray:
     """Value that each candidate has to exceed to improve the greedy diverse set, shape (m,).
 
-    That is the best value nearer to it than ``min_distance``, which it would displace, or the last one of a
-    full set if that is higher.
+    That is the best of the set nearer to it than ``min_distance``, which it would displace, or the last one of a
+    full set if that is higher. Better points nearby that are no part of the set do not count.
 
     Args:
         X: points, shape (n, d), n at least 1.
@@ -55,6 +55,6 @@ def slot_values(
     """
     kept = greedy_diverse_set(X, y, size, min_distance)
     least = float(y[kept[-1]]) if len(kept) >= size else float(np.min(y))
-    near = cdist(candidates, X) < min_distance
-    displaced = np.max(np.where(near, y, least), axis=1)
+    near = cdist(candidates, X[kept]) < min_distance
+    displaced = np.max(np.where(near, y[kept], least), axis=1)
     return np.maximum(displaced, least)

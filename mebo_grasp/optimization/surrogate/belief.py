@@ -23,13 +23,24 @@ from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.surrogate.empirical_bayes import EmpiricalBayesSurrogate
 from mebo_grasp.optimization.surrogate.family import PLATEAU_SHARE, PLATEAU_SIZE, Structure
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
-from mebo_grasp.optimization.surrogate.kernels import MATERN52
+from mebo_grasp.optimization.surrogate.kernels import MATERN52, LogNormalPrior
 from mebo_grasp.optimization.surrogate.structure import StructuredSurrogate
 
 BoolArray = npt.NDArray[np.bool_]
 
+LABEL_NOISE = (0.3, 0.5, 0.1, 1.0)
+"""Median, spread and bounds of the noise variance of standardized labels."""
 FEWEST_VALUES = 3
 """Values off the plateau from which on they are modelled by themselves."""
+
+
+def label_noise_prior() -> LogNormalPrior:
+    """Prior of the noise variance of standardized labels.
+
+    Labels jump from -1 to +1 at a cliff. A smooth function that has to pass through all of them needs short
+    lengthscales along dimensions that tell nothing, and overshoots beyond the cliff.
+    """
+    return LogNormalPrior.repeated(1, *LABEL_NOISE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +193,7 @@ class PlateauSurrogate:
     def __init__(self, dim: int, relearn_period: int = 5) -> None:
         self._whole = StructuredSurrogate(dim, relearn_period)
         self._above = StructuredSurrogate(dim, relearn_period, structures=(Structure(MATERN52),))
-        self._labels = EmpiricalBayesSurrogate(dim, relearn_period)
+        self._labels = EmpiricalBayesSurrogate(dim, relearn_period, noise=label_noise_prior())
 
     def structure(self, y: FloatArray) -> StructuredSurrogate:
         """The part that models values y, shape (n,): all of them, or those off the plateau."""

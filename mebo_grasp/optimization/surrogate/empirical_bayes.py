@@ -9,7 +9,7 @@ import numpy as np
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess, Hyperparameters, standardize
 from mebo_grasp.optimization.surrogate.hyperparameters import LearningSettings, learn
-from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel
+from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel, LogNormalPrior
 from mebo_grasp.optimization.surrogate.relearning import RelearningSurrogate
 
 
@@ -19,6 +19,7 @@ class EmpiricalBayesSurrogate(RelearningSurrogate[GaussianProcess]):
     Args:
         dim, relearn_period, kernel: see ``RelearningSurrogate``.
         learning: how the hyperparameters are sought.
+        noise: prior of the noise variance of standardized values; default that of a simulated trial.
 
     Raises:
         InvalidSettingsError: the period is below 1.
@@ -30,9 +31,11 @@ class EmpiricalBayesSurrogate(RelearningSurrogate[GaussianProcess]):
         relearn_period: int = 5,
         kernel: Kernel = MATERN52,
         learning: LearningSettings | None = None,
+        noise: LogNormalPrior | None = None,
     ) -> None:
         super().__init__(dim, relearn_period, kernel)
         self._learning = learning or LearningSettings()
+        self._noise = noise
         self._hyperparameters = self._default
 
     @property
@@ -47,7 +50,9 @@ class EmpiricalBayesSurrogate(RelearningSurrogate[GaussianProcess]):
     def _learn(self, observations: Observations, rng: np.random.Generator) -> None:
         z, _, _ = standardize(observations.y)
         current = self._hyperparameters if self._schedule.has_learned else None
-        self._hyperparameters, _ = learn(observations.U, z, self._kernel, current, rng, self._learning)
+        self._hyperparameters, _ = learn(
+            observations.U, z, self._kernel, current, rng, self._learning, self._noise
+        )
 
     def _learned(self) -> dict[str, Any]:
         return {"vector": self._hyperparameters.vector.tolist()}

@@ -66,9 +66,9 @@ class LearningSettings:
             )
 
 
-def full_prior(dim: int, kernel: Kernel) -> LogNormalPrior:
-    """Prior of the kernel's parameters and the noise variance, p + 1 entries."""
-    return kernel.prior(dim) + noise_prior()
+def full_prior(dim: int, kernel: Kernel, noise: LogNormalPrior | None = None) -> LogNormalPrior:
+    """Prior of the kernel's parameters and the noise variance (default ``noise_prior``), p + 1 entries."""
+    return kernel.prior(dim) + (noise or noise_prior())
 
 
 def log_posterior_and_gradient(
@@ -108,6 +108,7 @@ def learn(
     current: Hyperparameters | None = None,
     rng: np.random.Generator | None = None,
     settings: LearningSettings | None = None,
+    noise: LogNormalPrior | None = None,
 ) -> tuple[Hyperparameters, float]:
     """Return the most probable hyperparameters found and their log posterior density.
 
@@ -118,10 +119,11 @@ def learn(
         current: where the first search starts, if known.
         rng: draws the further starting points and the subset.
         settings: how to search.
+        noise: prior of the noise variance; default ``noise_prior``.
     """
     settings = settings or LearningSettings()
     rng = rng or np.random.default_rng(0)
-    prior = full_prior(U.shape[1], kernel)
+    prior = full_prior(U.shape[1], kernel, noise)
     mask = subset(z, settings.max_points, rng)
     U, z = np.ascontiguousarray(U[mask]), z[mask]
     starts = _starts(prior, current, rng, settings)

@@ -93,7 +93,8 @@ def test_runs_that_parts_have_in_common_are_run_once() -> None:
         ({"objective": {"name": "grasp", "object": "mug", "bounds": "thesis"}}, "boxes for bottle, vase, drill"),
         ({"objective": {"name": "grasp", "object": "bottle", "min_distance": -1}}, "min_distance above 0"),
         ({"parts": {"budget": 3}}, "parts must be a list"),
-        ({"parts": [{"seeds": 3}]}, "a part has no key 'seeds'"),
+        ({"parts": [{"metrics": "best"}]}, "a part has no key 'metrics'"),
+        ({"parts": [{"seeds": 0}]}, "seeds must be a whole number of at least 1"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_refused_by_name(change: dict[str, Any], message: str) -> None:
@@ -132,7 +133,7 @@ def test_files_are_read_and_what_is_none_is_refused(tmp_path: Path) -> None:
     path.write_text("- 1")
     with pytest.raises(InvalidSettingsError, match="must hold keys and values"):
         load_definition(str(path))
-    with pytest.raises(InvalidFileError, match="none of quick"):
+    with pytest.raises(InvalidFileError, match="none of paper-tgp, paper-ubo, quick"):
         load_definition("nothing-of-this-name")
 
 

@@ -120,7 +120,7 @@ def test_an_entry_point_is_an_objective_like_any_other(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("mountain", "must be one of cec2013, grasp, gone, hill, wrong"),
+        ("mountain", "must be one of cec2013, grasp, noisy_function, noisy_grasp, gone, hill, wrong"),
         ("wrong", "it must be a frozen dataclass derived from"),
         ("gone", "cannot be loaded"),
         ("no_such_module:Hill", "cannot be loaded: No module named"),

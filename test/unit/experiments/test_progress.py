@@ -15,8 +15,8 @@ VINCENT, TRAP = Job("mebo", Cec2013("vincent_2d"), 0), Job("mebo", Cec2013("five
 
 
 def test_every_method_of_all_and_every_peer_has_an_expected_cost() -> None:
-    of_surrogates = {name for name, variant in VARIANTS.items() if variant.of_surrogate}
-    assert set(known_methods()) - of_surrogates == set(SECONDS)
+    apart = {name for name, variant in VARIANTS.items() if variant.group}
+    assert set(known_methods()) - apart == set(SECONDS)
 
 
 def test_a_run_of_four_times_the_evaluations_is_expected_to_take_sixteen_times_as_long() -> None:

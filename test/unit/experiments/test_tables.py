@@ -215,7 +215,8 @@ def test_method_groups() -> None:
     surrogates = set(select_methods(["surrogates"], "mebo", ()))
     assert {"mebo_evidence", "mebo_additive", "mebo_mcmc"} <= surrogates
     everything = select_methods(["all"], "mebo", ["cma_bipop", "skopt"], slow_peers=["skopt"])
-    assert set(everything) == set(known_methods()) - set(PEER_NAMES) - surrogates | {"cma_bipop"}
+    apart = surrogates | set(select_methods(["safe"], "mebo", ()))
+    assert set(everything) == set(known_methods()) - set(PEER_NAMES) - apart | {"cma_bipop"}
     assert "skopt" in select_methods(["all", "peers"], "mebo", ["cma_bipop", "skopt"], slow_peers=["skopt"])
     with pytest.raises(InvalidSettingsError, match="method must be one of"):
         select_methods(["simulated_annealing"], "mebo", ())

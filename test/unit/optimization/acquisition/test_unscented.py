@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.optimization.acquisition.base import OnPosterior
@@ -52,6 +53,28 @@ def test_sigma_points_are_2d_plus_1_in_the_paper_s_places():
     assert transform.weights == pytest.approx([1 / 3, 1 / 6, 1 / 6, 1 / 6, 1 / 6])
     with pytest.raises(InvalidSettingsError, match="kappa"):
         UnscentedTransform.of_covariance(np.eye(2), -2.0)
+
+
+def test_draws_have_the_noise_s_moments_and_see_a_corner_that_sigma_points_miss():
+    draws = UnscentedTransform.of_draws(FULL, 1024)
+    assert np.sum(draws.weights) == pytest.approx(1.0)
+    assert draws.weights @ draws.shifts == pytest.approx(np.zeros(3), abs=1e-15)
+    assert np.allclose((draws.weights[:, None] * draws.shifts).T @ draws.shifts, FULL, atol=2e-6)
+    flat = UnscentedTransform.of_draws(np.diag([0.01, 0.0]), 16)
+    assert not flat.shifts[:, 1].any()
+
+    def corner(points):
+        """1 but where both coordinates are half a deviation too large."""
+        return np.where(np.all(points > 0.55, axis=1), 0.0, 1.0)
+
+    at = np.array([[0.5, 0.5]])
+    truth = 1.0 - norm.sf(0.5) ** 2
+    sigma, drawn = (
+        UnscentedTransform.of_covariance(np.eye(2) * 0.01),
+        UnscentedTransform.of_draws(np.eye(2) * 0.01, 64),
+    )
+    assert sigma.mean(corner(sigma.points(at)))[0] == pytest.approx(1.0)
+    assert drawn.mean(corner(drawn.points(at)))[0] == pytest.approx(truth, abs=0.02)
 
 
 def test_points_are_clipped_and_a_clipped_coordinate_has_no_slope():

@@ -145,7 +145,7 @@ def test_plateau_is_searched_around_diverse_points_in_turn_also_after_a_restart(
     net = np.random.default_rng(0).random((40, 2))
     settings = OptimizerSettings(num_solutions=3)
     method, twin = (BasinSearch(SearchSpace.unit_cube(2), settings) for _ in range(2))
-    method.propose(observed(net, two_islands), 2, np.random.default_rng(0))
+    method.propose(observed(net, two_islands), 1, np.random.default_rng(0))
     assert method.phase == "improvement"
     twin.restore(method.state())
     by_twin, by_method = (

@@ -7,15 +7,17 @@ from mebo_grasp.optimization.selection.local_searches import (
     EXPLORATION,
     EXPLORATION_PERIOD,
     LENGTHS,
+    NUM_STEPS,
     PATIENCE,
+    STEP_SD,
     LocalSearches,
+    box_around,
     rank_of,
+    steps_from,
 )
 from mebo_grasp.optimization.surrogate.belief import PlateauSurrogate
 
 SIDES = np.ones(2)
-FLAT = np.full(2, 0.5)
-"""Lengthscales that leave a box square."""
 RNG = np.random.default_rng(0)
 
 
@@ -24,13 +26,13 @@ def searches(points, values, size=2, sides=SIDES, distance=0.3):
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 4, 7, 20])
-def test_every_search_has_its_turn_and_the_best_has_at_least_every_fourth(size):
+def test_every_search_has_its_turn_and_the_best_has_at_least_every_second(size):
     turns = [rank_of(turn, size) for turn in range(60 * size)]
     assert turns.count(EXPLORATION) == len(turns) / EXPLORATION_PERIOD
     assert turns[EXPLORATION_PERIOD - 1] == EXPLORATION
     turns = [rank for rank in turns if rank != EXPLORATION]
     assert set(turns) == set(range(size))
-    assert turns.count(0) >= len(turns) / 4
+    assert turns.count(0) >= len(turns) / 2
     others = [turns.count(rank) for rank in range(1, size)]
     assert not others or max(others) - min(others) <= 1
 
@@ -46,42 +48,66 @@ def test_distance_counts_in_the_weighted_sides():
     assert searches(points, values, sides=np.array([1.0, 0.1])).centres.tolist() == [0]
 
 
-def test_box_lies_around_its_centre_and_is_the_cube_while_there_is_none():
+def test_reach_has_its_centre_and_is_the_cube_while_there_is_none():
     found = searches([[0.3, 0.3], [0.8, 0.7]], [1.0, 2.0], size=3)
-    for rank, centre in enumerate(([0.8, 0.7], [0.3, 0.3])):
-        corners = np.clip([np.subtract(centre, 0.2), np.add(centre, 0.2)], 0.0, 1.0)
-        np.testing.assert_allclose(found.box(rank, FLAT, RNG), corners)
-    np.testing.assert_array_equal(found.box(2, FLAT, RNG), [[0.0, 0.0], [1.0, 1.0]])
+    for rank, expected in enumerate(([0.8, 0.7], [0.3, 0.3])):
+        centre, length = found.reach(rank, RNG)
+        assert centre.tolist() == expected
+        assert length == LENGTHS[0]
+    assert found.reach(2, RNG) == (None, 1.0)
 
 
-def test_box_takes_the_next_length_after_idle_trials_nearest_to_its_centre():
+def test_reach_takes_the_next_length_after_idle_trials_nearest_to_its_centre():
     centres, values = [[0.2, 0.2], [0.8, 0.8]], [2.0, 1.0]
 
-    def side(idle, rank):
+    def length(idle, rank):
         idle_points = [[0.2 + 0.001 * i, 0.25] for i in range(idle)]
-        low, high = searches(centres + idle_points, values + [0.5] * idle).box(rank, FLAT, RNG)
-        return high[1] - low[1]
+        return searches(centres + idle_points, values + [0.5] * idle).reach(rank, RNG)[1]
 
-    assert side(PATIENCE - 1, 0) == pytest.approx(LENGTHS[0])
-    assert side(PATIENCE, 0) == pytest.approx(LENGTHS[1])
-    assert side(PATIENCE * (len(LENGTHS) - 1), 0) == pytest.approx(LENGTHS[-1])
-    assert side(PATIENCE * len(LENGTHS), 0) == pytest.approx(LENGTHS[0])
-    assert side(PATIENCE * 2, 1) == pytest.approx(LENGTHS[0])
+    assert length(PATIENCE - 1, 0) == LENGTHS[0]
+    assert length(PATIENCE, 0) == LENGTHS[1]
+    assert length(PATIENCE * (len(LENGTHS) - 1), 0) == LENGTHS[-1]
+    assert length(PATIENCE * len(LENGTHS), 0) == LENGTHS[0]
+    assert length(PATIENCE * 2, 1) == LENGTHS[0]
 
 
 def test_trials_from_before_the_centre_was_found_do_not_count():
     early = [[0.2, 0.2 + 0.001 * i] for i in range(PATIENCE)]
-    low, high = searches([*early, [0.2, 0.25]], [0.5] * PATIENCE + [2.0], size=1).box(0, FLAT, RNG)
-    assert high[0] - low[0] == pytest.approx(LENGTHS[0])
+    found = searches([*early, [0.2, 0.25]], [0.5] * PATIENCE + [2.0], size=1)
+    assert found.reach(0, RNG)[1] == LENGTHS[0]
 
 
-def test_exploration_lies_around_a_further_diverse_point():
+def test_exploration_is_centred_at_a_further_diverse_point():
     points = [[0.5, 0.9], [0.1, 0.1], [0.12, 0.1], [0.9, 0.3], [0.5, 0.5]]
     found = searches(points, [0.0, 3.0, 2.0, 1.0, 2.5])
     assert found.centres.tolist() == [1, 4]
-    np.testing.assert_allclose(found.box(EXPLORATION, FLAT, RNG), [[0.7, 0.1], [1.0, 0.5]])
-    without = searches(points[:3], [0.0, 3.0, 2.0])
-    np.testing.assert_array_equal(without.box(EXPLORATION, FLAT, RNG), [[0.0, 0.0], [1.0, 1.0]])
+    centre, length = found.reach(EXPLORATION, RNG)
+    assert (centre.tolist(), length) == ([0.9, 0.3], LENGTHS[0])
+    assert searches(points[:3], [0.0, 3.0, 2.0]).reach(EXPLORATION, RNG) == (None, 1.0)
+
+
+def test_box_lies_around_its_centre_and_is_the_cube_without_one(belief):
+    centre, length = np.array([0.5, 0.45]), 0.1
+    low, high = box_around(centre, length, belief)
+    np.testing.assert_allclose(0.5 * (low + high), centre)
+    assert np.prod(high - low) == pytest.approx(length**2)
+    np.testing.assert_array_equal(box_around(None, 1.0, belief), [[0.0, 0.0], [1.0, 1.0]])
+
+
+def test_steps_move_some_coordinates_by_a_share_of_the_length():
+    centre, rng = np.full(6, 0.5), np.random.default_rng(0)
+    moves = np.concatenate([steps_from(centre, 0.2, 6, rng) - centre for _ in range(100)])
+    moved = moves != 0.0
+    assert moved.any(axis=1).all()
+    # Each of six moves with probability 1 - (1 - 1/2) (1 - 1/6).
+    assert np.mean(moved) == pytest.approx(7.0 / 12.0, abs=0.03)
+    assert np.std(moves[moved]) == pytest.approx(STEP_SD * 0.2, rel=0.05)
+
+
+def test_steps_without_a_centre_are_spread_over_the_cube():
+    points = np.concatenate([steps_from(None, 1.0, 2, np.random.default_rng(i)) for i in range(50)])
+    assert points.shape == (50 * NUM_STEPS, 2)
+    np.testing.assert_allclose([points.mean(), points.std()], [0.5, 12.0**-0.5], atol=0.02)
 
 
 def test_incumbent_of_an_exploration_is_the_best_nearby_however_low():
@@ -97,14 +123,25 @@ def hills(U):
     return np.maximum(0.0, np.maximum(1.0 - 5.0 * near[0], 0.8 - 5.0 * near[1]))
 
 
-@pytest.mark.parametrize(("rank", "summit"), [(0, [0.3, 0.3]), (1, [0.75, 0.75])])
-def test_each_search_climbs_its_own_hill(rank, summit):
+@pytest.fixture(scope="module")
+def tried():
     U = np.random.default_rng(3).random((120, 2))
-    y = hills(U)
-    belief = PlateauSurrogate(2).update(U, y, np.random.default_rng(0)).best
+    return U, hills(U)
+
+
+@pytest.fixture(scope="module")
+def belief(tried):
+    U, y = tried
+    return PlateauSurrogate(2).update(U, y, np.random.default_rng(0)).best
+
+
+@pytest.mark.parametrize(("rank", "summit"), [(0, [0.3, 0.3]), (1, [0.75, 0.75])])
+def test_each_search_climbs_its_own_hill(tried, belief, rank, summit):
+    U, y = tried
     found = LocalSearches(U, y, belief.floor, SIDES, 2, 0.3)
-    low, high = found.box(rank, np.exp(belief.value.hyperparameters.theta[:2]), RNG)
-    point = found.pick(belief, rank, np.random.default_rng(1))
-    assert np.all((low <= point) & (point <= high))
-    assert np.linalg.norm(point - summit) < 0.1
-    assert hills(point[None])[0] > y[found.centres[rank]]
+    rng = np.random.default_rng(1)
+    points = np.array([found.pick(belief, rank, rng) for _ in range(20)])
+    assert np.all((points >= 0.0) & (points <= 1.0))
+    assert np.all(np.linalg.norm(points - summit, axis=1) < 0.2)
+    # About half of the picks are the best of the box, the others steps, of which most promise less.
+    assert np.mean(hills(points) > y[found.centres[rank]]) > 0.5

@@ -1,0 +1,214 @@
+"""What the UBO paper optimizes: functions and grasps of which a recommended point is carried out with input noise.
+
+The noise is isotropic in the unit cube. A point is judged by Monte Carlo (paper, section V): a coordinate that would
+leave the box keeps its value without noise (the paper's code). All points and methods of a seed meet the same noise.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mebo_grasp.errors import InvalidSettingsError
+from mebo_grasp.experiments.grasp_objective import load_target
+from mebo_grasp.experiments.objective import (
+    Evaluator,
+    NoisyOutcome,
+    Objective,
+    checked_choice,
+    pointwise,
+    settings_digest,
+)
+from mebo_grasp.experiments.problems import NOISY_INPUT_FUNCTIONS, get_noisy_input_problem
+from mebo_grasp.grasp import FloatArray
+from mebo_grasp.grasping.facet_space import FACETS, facet_space
+from mebo_grasp.grasping.hand_model import HandModel
+from mebo_grasp.grasping.robustness import perturb_point
+from mebo_grasp.grasping.simulator import GraspSimulator
+from mebo_grasp.grasping.trial import ENGINE_NAMES, QUALITY_NAMES, EngineName, QualityName, TrialSettings
+from mebo_grasp.optimization.input_noise import InputNoise
+from mebo_grasp.optimization.search_space import SearchSpace
+
+FACET_SPACES = {"position": 3, "pose": 6, "synergy": 7}
+"""Increments that are searched: of the position, of the pose, and the amplitude of the first synergy too."""
+_FUNCTION_EXECUTIONS = 100
+_MARGIN = 0.01
+_GRASP_MIN_LEAF = 20
+
+
+def noisy_judge(
+    evaluate: Callable[[FloatArray], float], space: SearchSpace, sd: float, executions: int, seed: int
+) -> Callable[[FloatArray], NoisyOutcome]:
+    """Return what carries out a point, shape (d,), with noise.
+
+    Args:
+        evaluate: value of a point, shape (d,), real units.
+        space: the box.
+        sd: standard deviation of the inputs, sides of the box.
+        executions: how many.
+        seed: of the run.
+    """
+
+    def judge(x: FloatArray) -> NoisyOutcome:
+        rng = np.random.default_rng([seed, 1])
+        values = [evaluate(perturb_point(x, space.lower, space.upper, sd, rng)) for _ in range(executions)]
+        return NoisyOutcome(float(np.mean(values)), float(np.std(values, ddof=1)), float(np.min(values)))
+
+    return judge
+
+
+def _told(sd: float, min_leaf: int) -> dict[str, Any]:
+    """The paper's protocol: hyperparameters are learned anew at each trial; the margin is its code's for functions."""
+    return {
+        "input_noise": InputNoise((sd,)), "relearn_period": 1, "improvement_margin": _MARGIN, "min_leaf": min_leaf,
+    }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class NoisyFunction(Objective):
+    """A function of the paper (section V-A), under the paper's noise.
+
+    Args:
+        problem: its name.
+    """
+
+    problem: str
+
+    @property
+    def label(self) -> str:
+        """The function's name."""
+        return self.problem
+
+    @property
+    def group(self) -> str:
+        """All functions stand in one table."""
+        return "functions"
+
+    def check(self) -> None:
+        """Refuse an unknown function.
+
+        Raises:
+            InvalidSettingsError: naming those that are known.
+        """
+        checked_choice("problem", self.problem, NOISY_INPUT_FUNCTIONS)
+
+    @contextmanager
+    def open(self, seed: int) -> Iterator[Evaluator]:
+        """Make the function."""
+        noisy = get_noisy_input_problem(self.problem)
+        problem = noisy.problem
+        space = SearchSpace.unit_cube(problem.dim)
+
+        def evaluate(x: FloatArray) -> float:
+            return float(problem(x[None])[0])
+
+        judge = noisy_judge(evaluate, space, noisy.noise_sd, _FUNCTION_EXECUTIONS, seed)
+        yield Evaluator(space, problem, judge)
+
+    def told(self, method: str, seed: int) -> dict[str, Any]:
+        """Noise and leaf size."""
+        del method, seed
+        noisy = get_noisy_input_problem(self.problem)
+        return _told(noisy.noise_sd, noisy.min_leaf)
+
+
+@dataclass(frozen=True)
+class NoisyGrasp(Objective):
+    """Quality of a grasp by increments of the hand's pose before a facet of the object's box (section V-B).
+
+    Args:
+        object: a built-in object, a mesh file, or ``package:file`` for a file of an installed package.
+        facet: the facet that the palm faces.
+        space: which increments, of ``FACET_SPACES``; the others are 0, or the hand's preshape.
+        quality: the metric that is maximized; the paper's is Simox's epsilon.
+        input_sd: standard deviation of the inputs, sides of the box.
+        executions: by which a recommended grasp is judged.
+        scale: factor from the mesh's unit to metres.
+        hand: name of a built-in hand.
+        engine: "bullet" or "fast".
+    """
+
+    object: str
+    facet: str = "+y"
+    space: str = "position"
+    quality: QualityName = "simox_epsilon"
+    input_sd: float = 0.03
+    executions: int = 20
+    scale: float = 1.0
+    hand: str = "icub_left"
+    engine: EngineName = "bullet"
+
+    @property
+    def object_name(self) -> str:
+        """The object's name in folders and tables."""
+        return re.sub(r"[^\w~-]", "_", Path(self.object).stem)
+
+    @property
+    def label(self) -> str:
+        """Object, facet, space and quality, with eight digits where another setting has not its default."""
+        shown = {"facet", "space", "quality"} | ({"object"} if self.object == self.object_name else set())
+        rest = settings_digest(self, frozenset(shown))
+        return f"{self.object_name}/facet-{self.facet.replace('+', '')}-{self.space}/{self.quality}{rest}"
+
+    @property
+    def column(self) -> str:
+        """Object and facet."""
+        return f"{self.object_name} {self.facet}"
+
+    @property
+    def group(self) -> str:
+        """Metric and space."""
+        return f"{self.quality}, facet {self.space}"
+
+    def check(self) -> None:
+        """Refuse settings out of range, without loading the object.
+
+        Raises:
+            InvalidSettingsError: naming the setting, its value and those allowed.
+        """
+        checked_choice("facet", self.facet, FACETS)
+        checked_choice("space", self.space, tuple(FACET_SPACES))
+        checked_choice("quality", self.quality, QUALITY_NAMES)
+        checked_choice("engine", self.engine, ENGINE_NAMES)
+        if not 0.0 <= self.input_sd < np.inf or self.executions < 2:
+            raise InvalidSettingsError(
+                f"input_sd must be finite and at least 0 and executions at least 2, got {self.input_sd} and "
+                f"{self.executions}"
+            )
+
+    @contextmanager
+    def open(self, seed: int) -> Iterator[Evaluator]:
+        """Load the object and its hand; those of the last objective are kept."""
+        self.check()
+        space, evaluate = _grasps(self)
+        judge = noisy_judge(evaluate, space, self.input_sd, self.executions, seed)
+        yield Evaluator(space, pointwise(evaluate), judge)
+
+    def told(self, method: str, seed: int) -> dict[str, Any]:
+        """Noise and leaf size."""
+        del method, seed
+        return _told(self.input_sd, _GRASP_MIN_LEAF)
+
+
+@lru_cache(maxsize=8)
+def _grasps(objective: NoisyGrasp) -> tuple[SearchSpace, Callable[[FloatArray], float]]:
+    # A simulator takes seconds to build, and a worker comes back to the same few objectives at every seed.
+    target, hand = load_target(objective.object, objective.scale), HandModel.load(objective.hand)
+    whole = facet_space(target, hand, facet=objective.facet, synergy=objective.space == "synergy")
+    dim = FACET_SPACES[objective.space]
+    rest = np.zeros(whole.dimension - dim)
+    settings = TrialSettings(quality=objective.quality, engine=objective.engine, compute_volume=False)
+    simulator = GraspSimulator(target, hand, settings)
+
+    def evaluate(x: FloatArray) -> float:
+        candidate = np.concatenate([x, rest])
+        return simulator.trial(whole.to_pose(candidate), whole.to_posture(candidate)).quality
+
+    return SearchSpace(whole.names[:dim], whole.lower[:dim], whole.upper[:dim], whole.units[:dim]), evaluate
