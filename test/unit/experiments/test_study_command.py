@@ -97,7 +97,7 @@ def test_the_same_command_repeats_no_trial_and_more_seeds_extend_the_folder(
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["nowhere"], "no experiment 'nowhere': it is none of quick"),
+        (["nowhere"], "no experiment 'nowhere': it is none of paper-tgp"),
         (["quick", "--set", "budget"], "'budget' must be KEY=VALUE"),
         (["quick", "--set", "budget=[1"], "is not YAML"),
         (["quick", "--only", "object=cup"], "object is one of bottle"),
