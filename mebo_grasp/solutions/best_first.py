@@ -25,12 +25,12 @@ from mebo_grasp.solutions.hand_check import (
     BALL,
     FREE,
     MASKED_SHAPES,
+    MOST_SEGMENTS,
+    RECENT,
     Desk,
     ask_hand,
     ask_recent,
     is_masked_out,
-    leaf_of,
-    make_desk,
     remember,
 )
 from mebo_grasp.solutions.pose_distance import pose_distance
@@ -195,20 +195,18 @@ def _push_run(
 
 
 @njit(cache=True, nogil=True)
-def _blocker(
-    scene: Scene, grasps: Grasps, row: int, leaf: int, mask: int, wanted: Wanted, desk: Desk
-) -> int:
+def _blocker(scene: Scene, grasps: Grasps, row: int, mask: int, wanted: Wanted, desk: Desk) -> int:
     """Return an occlusion that blocks a grasp, or FREE; the mask says which ones may."""
     if not wanted.by_hand:
         return _look_at_grasp(scene, grasps, row, mask, 0.0)[0]
-    shape = ask_recent(scene, grasps, row, leaf, mask, wanted, desk)
+    shape = ask_recent(scene, grasps, row, mask, wanted, desk)
     if shape != FREE:
         return shape
     verdict, rest = _look_at_grasp(scene, grasps, row, mask, _length(wanted.approach))
     if verdict == UNDECIDED:
-        return ask_hand(scene, grasps, row, leaf, rest, wanted, desk)
+        return ask_hand(scene, grasps, row, rest, wanted, desk)
     if verdict != FREE:
-        remember(desk, leaf, verdict, BALL)
+        remember(desk, verdict, BALL)
     return verdict
 
 
@@ -259,7 +257,8 @@ def search(
     taken, progress = [zero], ([(0.0, NODE, zero, zero, none, zero)], [(zero, zero)], [(zero, zero)])
     heap, blocked_grasps, blocked_nodes = progress
     taken.pop(), heap.pop(), blocked_grasps.pop(), blocked_nodes.pop()
-    desk = make_desk(len(scene.shapes), len(grasps.order))
+    recent, segments = np.full((RECENT, 2), FREE), np.empty((MOST_SEGMENTS, 8))
+    desk = Desk(recent, np.empty((3, 3)), segments, np.empty(MOST_SEGMENTS))
     _push_run(grasps, every, covered, len(grasps.order), wanted, taken, heap)
     if covered > 0:
         heapq.heappush(heap, (-bounds.best[0], NODE, zero, zero, every, zero))
@@ -271,7 +270,7 @@ def search(
             _open_node(scene, tree, bounds, grasps, item, mask, wanted, taken, progress)
             continue
         row = grasps.order[item]
-        shape = _blocker(scene, grasps, row, leaf_of(end), mask, wanted, desk) if mask != none else FREE
+        shape = _blocker(scene, grasps, row, mask, wanted, desk) if mask != none else FREE
         if shape != FREE:
             blocked_grasps.append((np.int64(row), np.int64(shape)))
         elif _is_diverse(grasps, row, taken, wanted):

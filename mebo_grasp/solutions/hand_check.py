@@ -21,8 +21,6 @@ BALL = -2
 """Instead of a segment: the ball within which all is hand."""
 RECENT = 6
 """Pairs of occlusion and segment that blocked a grasp of late: they are likely to block the next good one."""
-LEAST_LEAF = 24
-"""Grasps of the smallest leaves: half of the largest, as nodes are split in the middle."""
 MOST_SEGMENTS = 64
 """Segments of a hand for which there is room on the desk; for larger hands room is made each time."""
 
@@ -36,43 +34,12 @@ class Desk(NamedTuple):
         R: rotation of the TCP, shape (3, 3).
         hand: placed segments, shape (MOST_SEGMENTS, 8).
         reaches: how far each segment reaches from the hand's middle, shape (MOST_SEGMENTS,), metres.
-        of_leaf: the pair that blocked last in each leaf, by ``leaf_of``; shape (leaves, 2).
-        order: occlusions in reach, nearest first, shape (s,).
-        nearness: their distances from the hand's middle, shape (s,), metres.
     """
 
     recent: IntArray
     R: FloatArray
     hand: FloatArray
     reaches: FloatArray
-    of_leaf: IntArray
-    order: IntArray
-    nearness: FloatArray
-
-
-@njit(cache=True, nogil=True)
-def make_desk(shapes: int, grasps: int) -> Desk:
-    """Return a desk with nothing on it.
-
-    Args:
-        shapes: number of occlusions.
-        grasps: number of grasps.
-    """
-    return Desk(
-        np.full((RECENT, 2), FREE),
-        np.empty((3, 3)),
-        np.empty((MOST_SEGMENTS, 8)),
-        np.empty(MOST_SEGMENTS),
-        np.full((leaf_of(grasps) + 1, 2), FREE),
-        np.empty(shapes, np.int64),
-        np.empty(shapes),
-    )
-
-
-@njit(cache=True, nogil=True)
-def leaf_of(end: int) -> int:
-    """Return a number for the leaf of the tree whose run of grasps ends there, the same for few others."""
-    return end // LEAST_LEAF
 
 
 @njit(cache=True, nogil=True)
@@ -82,9 +49,8 @@ def is_masked_out(mask: int, shape: int) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def remember(desk: Desk, leaf: int, shape: int, segment: int) -> None:
-    """Note at the first place which occlusion blocked a grasp of a leaf, and with which segment."""
-    desk.of_leaf[leaf, 0], desk.of_leaf[leaf, 1] = shape, segment
+def remember(desk: Desk, shape: int, segment: int) -> None:
+    """Note at the first place which occlusion blocked a grasp, and with which segment."""
     recent, place = desk.recent, 0
     while place < RECENT - 1 and (recent[place, 0] != shape or recent[place, 1] != segment):
         place += 1
@@ -94,31 +60,28 @@ def remember(desk: Desk, leaf: int, shape: int, segment: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def ask_recent(
-    scene: Scene, grasps: Grasps, row: int, leaf: int, mask: int, wanted: Wanted, desk: Desk
-) -> int:
+def ask_recent(scene: Scene, grasps: Grasps, row: int, mask: int, wanted: Wanted, desk: Desk) -> int:
     """Return an occlusion that blocked of late and blocks this grasp with the same segment, or FREE.
-
-    What blocked last in the same leaf is asked first.
 
     Args:
         scene: occlusions.
         grasps: all of them.
         row: the grasp.
-        leaf: that it is in, by ``leaf_of``.
         mask: occlusions that may be in reach.
         wanted: the question.
         desk: of the search.
     """
     if desk.recent[0, 0] == FREE:
         return FREE
-    shapes, recent, of_leaf, R, hand = scene.shapes, desk.recent, desk.of_leaf, desk.R, desk.hand
+    shapes, recent, R, hand = scene.shapes, desk.recent, desk.R, desk.hand
     capsules = grasps.capsules[grasps.first_capsule[row] : grasps.first_capsule[row + 1]]
     position, point, inner = grasps.positions[row], grasps.points[row], grasps.inner[row]
     write_rotation(grasps.quaternions[row], R)
-    for i in range(-1, RECENT):
-        shape, segment = (recent[i, 0], recent[i, 1]) if i >= 0 else (of_leaf[leaf, 0], of_leaf[leaf, 1])
-        if shape == FREE or is_masked_out(mask, shape) or segment >= len(capsules):
+    for i in range(RECENT):
+        shape, segment = recent[i, 0], recent[i, 1]
+        if shape == FREE:
+            break
+        if is_masked_out(mask, shape) or segment >= len(capsules):
             continue
         if segment == BALL:
             meets = distance_to(shapes, scene, shape, point[0], point[1], point[2]) <= inner
@@ -126,15 +89,13 @@ def ask_recent(
             place_segment(R, position, capsules, wanted.approach, segment, hand[0])
             meets = segment_meets(shapes, scene, shape, hand, 0)
         if meets:
-            remember(desk, leaf, shape, segment)
+            remember(desk, shape, segment)
             return int(shape)
     return FREE
 
 
 @njit(cache=True, nogil=True)
-def ask_hand(
-    scene: Scene, grasps: Grasps, row: int, leaf: int, mask: int, wanted: Wanted, desk: Desk
-) -> int:
+def ask_hand(scene: Scene, grasps: Grasps, row: int, mask: int, wanted: Wanted, desk: Desk) -> int:
     """Return an occlusion that meets the hand or its approach, or FREE; arguments as of ``ask_recent``."""
     capsules = grasps.capsules[grasps.first_capsule[row] : grasps.first_capsule[row + 1]]
     m, approach = len(capsules), wanted.approach
@@ -151,35 +112,20 @@ def ask_hand(
         reaches[k] = (math.sqrt(dx * dx + dy * dy + dz * dz) + hand[k, 6] + hand[k, 7]) * (1.0 + 1e-9)
     if has_approach:
         place_segment(R, position, capsules, approach, APPROACH, hand[m])
-    for i in range(_sort_by_nearness(scene, mask, x, y, z, outer, desk)):
-        shape, distance = int(desk.order[i]), desk.nearness[i]
-        # Where the shape is out of the hand's reach, only the approach can meet it.
-        for k in range(0 if distance <= outer else m, m + has_approach):
-            # Nearer than the distance no part of the shape is to the hand's middle.
-            if k < m and reaches[k] < distance:
-                continue
-            if segment_meets(shapes, scene, shape, hand, k):
-                remember(desk, leaf, shape, APPROACH if k == m else k)
-                return shape
-    return FREE
-
-
-@njit(cache=True, nogil=True)
-def _sort_by_nearness(
-    scene: Scene, mask: int, x: float, y: float, z: float, outer: float, desk: Desk
-) -> int:
-    """Write the occlusions of a mask on the desk, the one nearest to a point first, and return their number."""
-    shapes, order, nearness, count = scene.shapes, desk.order, desk.nearness, 0
-    for shape in range(len(shapes)):
-        if is_masked_out(mask, shape):
+    newest = desk.recent[0, 0]
+    for turn in range(-1, len(shapes)):
+        shape = newest if turn < 0 else turn
+        if turn == newest or shape == FREE or is_masked_out(mask, shape):
             continue
+        # Nearer than this no part of the shape is to the hand's middle.
         distance = np.inf
         if not is_beyond(shapes, shape, x, y, z, outer):
             distance = distance_to(shapes, scene, shape, x, y, z)
-        place = count
-        while place > 0 and nearness[place - 1] > distance:
-            order[place], nearness[place] = order[place - 1], nearness[place - 1]
-            place -= 1
-        order[place], nearness[place] = shape, distance
-        count += 1
-    return count
+        # Where the shape is out of the hand's reach, only the approach can meet it.
+        for k in range(0 if distance <= outer else m, m + has_approach):
+            if k < m and reaches[k] < distance:
+                continue
+            if segment_meets(shapes, scene, shape, hand, k):
+                remember(desk, shape, APPROACH if k == m else k)
+                return int(shape)
+    return FREE
