@@ -41,6 +41,11 @@ BOUNDS = ("thesis", "object")
 LONGEST_HEAD = 24
 
 
+def name_of(object_or_file: str) -> str:
+    """Name of an object in folders and tables: its own, or that of its file without what a path cannot hold."""
+    return re.sub(r"[^\w~-]", "_", Path(object_or_file).stem)
+
+
 @dataclass(frozen=True)
 class GraspObjective(Objective):
     """Quality of the grasp at a pose of the hand's TCP in the object's frame, metres and radians.
@@ -76,7 +81,7 @@ class GraspObjective(Objective):
     @property
     def object_name(self) -> str:
         """The object's name in folders and tables."""
-        return self.scene or re.sub(r"[^\w~-]", "_", Path(self.object).stem)
+        return self.scene or name_of(self.object)
 
     @property
     def thesis_scene(self) -> ThesisScene | None:

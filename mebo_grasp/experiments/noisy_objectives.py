@@ -6,18 +6,16 @@ leave the box keeps its value without noise (the paper's code). All points and m
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mebo_grasp.errors import InvalidSettingsError
-from mebo_grasp.experiments.grasp_objective import load_target
+from mebo_grasp.experiments.grasp_objective import load_target, name_of
 from mebo_grasp.experiments.objective import (
     Evaluator,
     NoisyOutcome,
@@ -148,7 +146,7 @@ class NoisyGrasp(Objective):
     @property
     def object_name(self) -> str:
         """The object's name in folders and tables."""
-        return re.sub(r"[^\w~-]", "_", Path(self.object).stem)
+        return name_of(self.object)
 
     @property
     def label(self) -> str:
