@@ -39,7 +39,7 @@ APPROACH = -1
 """Number of the segment along which the TCP arrives; the others are those of the capsules."""
 
 
-@borrowing
+@borrowing_inlined
 def place_segment(
     R: FloatArray,
     position: FloatArray,
