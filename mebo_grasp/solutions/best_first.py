@@ -165,9 +165,7 @@ def _look_at_node(
 
 
 @borrowing
-def _is_near_taken(
-    tree: BoundingTree, grasps: Grasps, node: int, taken: IntArray, wanted: Wanted
-) -> bool:
+def _is_near_taken(tree: BoundingTree, grasps: Grasps, node: int, taken: IntArray, wanted: Wanted) -> bool:
     """Tell whether no grasp of the node can be diverse from all that are taken."""
     for other in taken:
         squared = (wanted.rotation_weight * math.pi) ** 2
@@ -245,14 +243,16 @@ def _open_node(
 
 
 @compiled
-def _start(
-    tree: BoundingTree, bounds: NodeBounds, grasps: Grasps, scene: Scene, wanted: Wanted
-) -> Progress:
+def _start(tree: BoundingTree, bounds: NodeBounds, grasps: Grasps, scene: Scene, wanted: Wanted) -> Progress:
     """Return a heap with the root of the tree and the best grasp beyond it, and nothing blocked yet."""
     zero, none, n = np.int64(0), uint64(0), len(grasps.order)
     every = ~none if len(scene.shapes) > 0 else none
     # Lists need a first element for the compiler to know their type.
-    heap, blocked_grasps, blocked_nodes = [(0.0, NODE, zero, zero, none, zero)], [(zero, zero)], [(zero, zero)]
+    heap, blocked_grasps, blocked_nodes = (
+        [(0.0, NODE, zero, zero, none, zero)],
+        [(zero, zero)],
+        [(zero, zero)],
+    )
     heap.pop(), blocked_grasps.pop(), blocked_nodes.pop()
     k = _next_of_run(grasps, every, len(tree.order), n, wanted, np.empty(0, np.int64))
     if k < n:
