@@ -108,7 +108,9 @@ class MethodSettings:
             if not 0.0 <= getattr(self, name) < float("inf"):
                 raise InvalidSettingsError(f"{name} must be finite and at least 0, got {getattr(self, name)}")
         if not 0.0 < self.cluster_share <= 1.0:
-            raise InvalidSettingsError(f"cluster_share must lie above 0 and up to 1, got {self.cluster_share}")
+            raise InvalidSettingsError(
+                f"cluster_share must lie above 0 and up to 1, got {self.cluster_share}"
+            )
         if self.num_solutions is not None and self.num_solutions < 1:
             raise InvalidSettingsError(f"num_solutions must be at least 1 or unset, got {self.num_solutions}")
         self._check_solutions()
@@ -158,7 +160,6 @@ class MethodSettings:
                 f"min_distance must be finite and above 0 or unset, got {self.min_distance}"
             )
 
-
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Self:
         """Read back what ``dataclasses.asdict`` and JSON made of them; absent ones have their defaults.
@@ -168,7 +169,9 @@ class MethodSettings:
             TypeError: a name is unknown.
         """
         noise = values.get("input_noise")
-        return cls(**values) if noise is None else cls(**{**values, "input_noise": InputNoise.from_json(noise)})
+        return (
+            cls(**values) if noise is None else cls(**{**values, "input_noise": InputNoise.from_json(noise)})
+        )
 
 
 @dataclass(frozen=True, eq=False)
