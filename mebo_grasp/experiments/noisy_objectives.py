@@ -32,6 +32,7 @@ from mebo_grasp.grasping.robustness import perturb_point
 from mebo_grasp.grasping.simulator import GraspSimulator
 from mebo_grasp.grasping.trial import ENGINE_NAMES, QUALITY_NAMES, EngineName, QualityName, TrialSettings
 from mebo_grasp.optimization.input_noise import InputNoise
+from mebo_grasp.optimization.methods.registry import WITHOUT_CHOICE
 from mebo_grasp.optimization.search_space import SearchSpace
 
 FACET_SPACES = {"position": 3, "pose": 6, "synergy": 7}
@@ -39,6 +40,7 @@ FACET_SPACES = {"position": 3, "pose": 6, "synergy": 7}
 _FUNCTION_EXECUTIONS = 100
 _MARGIN = 0.01
 _GRASP_MIN_LEAF = 20
+_FUNCTION_NOISE, _GRASP_NOISE = 1e-6, 1e-4
 
 
 def noisy_judge(
@@ -62,11 +64,15 @@ def noisy_judge(
     return judge
 
 
-def _told(sd: float, min_leaf: int) -> dict[str, Any]:
-    """The paper's protocol: hyperparameters are learned anew at each trial; the margin is its code's for functions."""
-    return {
+def _told(method: str, sd: float, min_leaf: int, noise_variance: float) -> dict[str, Any]:
+    """The paper's protocol: hyperparameters are learned anew at each trial, but for the noise of the values.
+
+    The margin is that of the paper's code for functions.
+    """
+    told = {
         "input_noise": InputNoise((sd,)), "relearn_period": 1, "improvement_margin": _MARGIN, "min_leaf": min_leaf,
     }  # fmt: skip
+    return told if method in WITHOUT_CHOICE else {**told, "noise_variance": noise_variance}
 
 
 @dataclass(frozen=True)
@@ -111,10 +117,10 @@ class NoisyFunction(Objective):
         yield Evaluator(space, problem, judge)
 
     def told(self, method: str, seed: int) -> dict[str, Any]:
-        """Noise and leaf size."""
-        del method, seed
+        """Noise of the inputs and of the values, and leaf size."""
+        del seed
         noisy = get_noisy_input_problem(self.problem)
-        return _told(noisy.noise_sd, noisy.min_leaf)
+        return _told(method, noisy.noise_sd, noisy.min_leaf, _FUNCTION_NOISE)
 
 
 @dataclass(frozen=True)
@@ -190,9 +196,9 @@ class NoisyGrasp(Objective):
         yield Evaluator(space, pointwise(evaluate), judge)
 
     def told(self, method: str, seed: int) -> dict[str, Any]:
-        """Noise and leaf size."""
-        del method, seed
-        return _told(self.input_sd, _GRASP_MIN_LEAF)
+        """Noise of the inputs and of the values, and leaf size."""
+        del seed
+        return _told(method, self.input_sd, _GRASP_MIN_LEAF, _GRASP_NOISE)
 
 
 @lru_cache(maxsize=8)
