@@ -131,6 +131,8 @@ def test_every_method_takes_a_treed_surrogate(name, tmp_path):
         ({"particles": 0}, "particles"),
         ({"tree_weight_power": -1.0}, "tree_weight_power"),
         ({"improvement_margin": float("nan")}, "improvement_margin"),
+        ({"noise_variance": 0.0}, "noise_variance must lie between 1e-07 and 1"),
+        ({"noise_variance": 1e-4, "kernel": "evidence"}, "leave noise_variance unset"),
     ],
 )
 def test_bad_settings_are_refused(kwargs, word):

@@ -76,6 +76,8 @@ def test_methods_are_told_the_papers_protocol() -> None:
     assert settings.tree_weight_power == 2.0
     assert (settings.relearn_period, settings.min_leaf, settings.improvement_margin) == (1, 8, 0.01)
     assert settings.input_noise == InputNoise((0.01,))
+    assert settings.noise_variance == 1e-6
+    assert settings_of(_job("ubo", NoisyGrasp("mug")))[1].noise_variance == 1e-4
     assert settings_of(_job("basin_search_safe", NoisyGrasp("mug")))[1].safe
 
 
