@@ -193,11 +193,14 @@ class Outcomes:
         expected: expected value, shape (n,), units of y.
         sd: its standard deviation over executions, shape (n,).
         worst: worst value at the sigma points, shape (n,).
+        ranking: by what solutions are ranked, shape (n,), a larger one first: the expected value, but for what a
+            method cannot tell apart.
     """
 
     expected: FloatArray
     sd: FloatArray
     worst: FloatArray
+    ranking: FloatArray
 
 
 class Method(Protocol):
