@@ -105,13 +105,18 @@ def plot_best_values(runs: Sequence[Run], group: str, path: Path) -> None:
         axes = figure.add_subplot(rows, columns, index + 1)
         picked = [run for run in runs if run.job.objective == objective]
         _draw(axes, picked, methods)
-        _mark_first_split(axes, picked)
+        mark_first_split(axes, picked)
         axes.set_title(objective.column, fontsize=9)
     _finish(figure, group, path)
 
 
-def _mark_first_split(axes: Any, runs: Sequence[Run]) -> None:
-    """A dashed line at the earliest first split of the runs with a treed surrogate, if there are any."""
+def mark_first_split(axes: Any, runs: Sequence[Run]) -> None:
+    """Draw a dashed line at the earliest first split of the runs with a treed surrogate, if there are any.
+
+    Args:
+        axes: of evaluations.
+        runs: finished runs.
+    """
     splits = [run.first_split for run in runs if run.first_split is not None]
     if splits:
         axes.axvline(min(splits), color="C3", ls="--", lw=0.9)
