@@ -17,6 +17,7 @@ import numpy as np
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.experiments.grasp_objective import load_target, name_of
 from mebo_grasp.experiments.objective import (
+    BatchFunction,
     Evaluator,
     NoisyOutcome,
     Objective,
@@ -44,12 +45,12 @@ _FUNCTION_NOISE, _GRASP_NOISE = 1e-6, 1e-4
 
 
 def noisy_judge(
-    evaluate: Callable[[FloatArray], float], space: SearchSpace, sd: float, executions: int, seed: int
+    function: BatchFunction, space: SearchSpace, sd: float, executions: int, seed: int
 ) -> Callable[[FloatArray], NoisyOutcome]:
     """Return what carries out a point, shape (d,), with noise.
 
     Args:
-        evaluate: value of a point, shape (d,), real units.
+        function: values, shape (n,), of points, shape (n, d), real units.
         space: the box.
         sd: standard deviation of the inputs, sides of the box.
         executions: how many.
@@ -58,7 +59,8 @@ def noisy_judge(
 
     def judge(x: FloatArray) -> NoisyOutcome:
         rng = np.random.default_rng([seed, 1])
-        values = [evaluate(perturb_point(x, space.lower, space.upper, sd, rng)) for _ in range(executions)]
+        carried_out = [perturb_point(x, space.lower, space.upper, sd, rng) for _ in range(executions)]
+        values = function(np.array(carried_out))
         return NoisyOutcome(float(np.mean(values)), float(np.std(values, ddof=1)), float(np.min(values)))
 
     return judge
@@ -109,11 +111,7 @@ class NoisyFunction(Objective):
         noisy = get_noisy_input_problem(self.problem)
         problem = noisy.problem
         space = SearchSpace.unit_cube(problem.dim)
-
-        def evaluate(x: FloatArray) -> float:
-            return float(problem(x[None])[0])
-
-        judge = noisy_judge(evaluate, space, noisy.noise_sd, _FUNCTION_EXECUTIONS, seed)
+        judge = noisy_judge(problem, space, noisy.noise_sd, _FUNCTION_EXECUTIONS, seed)
         yield Evaluator(space, problem, judge)
 
     def told(self, method: str, seed: int) -> dict[str, Any]:
@@ -192,8 +190,8 @@ class NoisyGrasp(Objective):
         """Load the object and its hand; those of the last objective are kept."""
         self.check()
         space, evaluate = _grasps(self)
-        judge = noisy_judge(evaluate, space, self.input_sd, self.executions, seed)
-        yield Evaluator(space, pointwise(evaluate), judge)
+        function = pointwise(evaluate)
+        yield Evaluator(space, function, noisy_judge(function, space, self.input_sd, self.executions, seed))
 
     def told(self, method: str, seed: int) -> dict[str, Any]:
         """Noise of the inputs and of the values, and leaf size."""
