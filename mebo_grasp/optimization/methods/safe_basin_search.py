@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from mebo_grasp.grasp import FloatArray
-from mebo_grasp.optimization.acquisition.unscented import UnscentedTransform
+from mebo_grasp.optimization.acquisition.unscented import UnscentedTransform, unscented_outcomes
 from mebo_grasp.optimization.methods.base import IndexArray, MethodSettings, Outcomes, state_int
 from mebo_grasp.optimization.methods.basin_search import BasinSearch
 from mebo_grasp.optimization.methods.common import without_repeats
@@ -39,17 +37,15 @@ class SafeBasinSearch(BasinSearch):
         super().__init__(space, settings)
         self.transform = UnscentedTransform.of_draws(settings.input_noise.in_cube(space), NOISE_PAIRS)
 
-    def predictor(self, observations: Observations) -> Callable[[FloatArray], FloatArray]:
-        """The mean of the most probable belief, plateau included."""
-        return self.surrogate.belief(observations.U, observations.y).predict_mean
-
-    def outcomes(self, observations: Observations) -> Outcomes | None:
-        """What is expected; of those that are as good as the best one, that with the least spread ranks first."""
-        outcomes = super().outcomes(observations)
-        if outcomes is None or observations.n == 0:
-            return outcomes
-        spread = level_of(self.surrogate.belief(observations.U, observations.y)).spread
-        return replace(outcomes, ranking=safest_first(outcomes.expected, outcomes.sd, EQUAL_SHARE * spread))
+    def outcomes(self, observations: Observations) -> Outcomes:
+        """What the most probable belief expects; of what is as good as the best, that with the least sd ranks first."""
+        if observations.n == 0:
+            return Outcomes(*np.empty((4, 0)))
+        assert self.transform is not None
+        belief = self.surrogate.belief(observations.U, observations.y)
+        expected, sd, worst = unscented_outcomes(belief.predict_mean, observations.U, self.transform)
+        ranking = safest_first(expected, sd, EQUAL_SHARE * level_of(belief).spread)
+        return Outcomes(expected, sd, worst, ranking)
 
     def propose(self, observations: Observations, count: int, rng: np.random.Generator) -> FloatArray:
         """Return the next points, shape (count, d)."""
