@@ -6,7 +6,7 @@ Scores are made when a report is made, so that another metric needs no other run
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,7 @@ from mebo_grasp.experiments import set_metrics
 from mebo_grasp.experiments.grasp_objective import GraspObjective
 from mebo_grasp.experiments.job import Job
 from mebo_grasp.experiments.objective import Trace
-from mebo_grasp.experiments.recommendation import read_recommendations
-from mebo_grasp.experiments.run_job import read_space, read_trace
+from mebo_grasp.experiments.run_trace import read_trace
 from mebo_grasp.grasp import FloatArray
 
 RETENTION_RADII_MM = (20, 40, 60)
@@ -36,15 +35,11 @@ class Run:
         job: what was run.
         result: its line of ``results.jsonl``.
         trace: what it evaluated and returned.
-        names: of the space's dimensions.
-        weights: of the dimensions in distances, shape (d,); 1 each if None.
     """
 
     job: Job
     result: dict[str, Any]
     trace: Trace
-    names: tuple[str, ...] = ()
-    weights: FloatArray | None = None
 
     @classmethod
     def load(cls, job: Job, result: dict[str, Any], out: Path) -> Run:
@@ -53,11 +48,9 @@ class Run:
         Raises:
             RunLogError: the log is gone or unreadable.
         """
-        X, y, batches = read_trace(job.log_path(out))
-        solutions = np.array(result["solutions"], dtype=np.float64).reshape(-1, X.shape[1])
-        trace = Trace(X, y, batches, solutions, read_recommendations(job.log_path(out)))
-        names, weights = read_space(job.log_path(out), X.shape[1])
-        return cls(job, result, trace, names, weights)
+        trace = read_trace(job.log_path(out))
+        solutions = np.array(result["solutions"], dtype=np.float64).reshape(-1, trace.X.shape[1])
+        return cls(job, result, replace(trace, solutions=solutions))
 
     @property
     def solution_values(self) -> FloatArray:
@@ -76,7 +69,8 @@ class Run:
 
     def weighted(self, points: FloatArray) -> FloatArray:
         """Points, shape (n, d), in the unit of distances."""
-        return points if self.weights is None else points * self.weights
+        weights = self.trace.weights
+        return points if weights is None else points * weights
 
 
 @dataclass(frozen=True)

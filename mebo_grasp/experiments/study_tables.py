@@ -218,7 +218,7 @@ def solution_table(runs: Sequence[Run]) -> Table | None:
     best: dict[str, Run] = {}
     for run in runs:
         values = run.solution_values
-        if len(values) and run.names:
+        if len(values) and run.trace.names:
             known = best.get(run.job.method)
             if known is None or max(values) > max(known.solution_values):
                 best[run.job.method] = run
@@ -230,7 +230,7 @@ def solution_table(runs: Sequence[Run]) -> Table | None:
         for point, value in zip(run.trace.solutions, run.solution_values, strict=True)
     ]
     first = next(iter(best.values()))
-    header = ("method", "seed", "value", *first.names)
+    header = ("method", "seed", "value", *first.trace.names)
     note = "The set that a method returned in the run with its best value, best first."
     return Table(f"Solutions: {first.job.objective.column}", header, tuple(rows), note)
 

@@ -17,9 +17,9 @@ from mebo_grasp.experiments.noisy_objectives import FACET_SPACES, NoisyFunction,
 from mebo_grasp.experiments.objective import NoisyOutcome, Recommendation, Trace
 from mebo_grasp.experiments.problems import NOISY_INPUT_FUNCTIONS
 from mebo_grasp.experiments.protocol import settings_of
-from mebo_grasp.experiments.recommendation import read_recommendations
 from mebo_grasp.experiments.report import write_report
 from mebo_grasp.experiments.run_job import RunStopped, run_job
+from mebo_grasp.experiments.run_trace import read_trace
 from mebo_grasp.experiments.scores import Run
 from mebo_grasp.experiments.study_plots import outcome_curves
 from mebo_grasp.experiments.study_tables import make_tables
@@ -45,7 +45,7 @@ def test_a_point_is_judged_by_executions_with_the_noise_of_the_seed() -> None:
 
 def test_every_trial_after_the_initial_design_has_a_recommendation(tmp_path: Path) -> None:
     run_job(_job("bo"), tmp_path)
-    found = read_recommendations(_job("bo").log_path(tmp_path))
+    found = read_trace(_job("bo").log_path(tmp_path)).recommended
     assert [item.evaluations for item in found] == [7, 8, 9, 10]
     run = Run.load(_job("bo"), {"solutions": []}, tmp_path)
     for item in run.trace.recommended:
@@ -64,7 +64,7 @@ def test_a_stopped_run_ends_with_the_recommendations_of_a_whole_one(tmp_path: Pa
     assert '"recommended"' in lines[-1]
     log.write_text("".join(lines[:-1]))  # Killed after the value and before what it makes of it.
     run_job(_job(), parted)
-    expected, found = (read_recommendations(_job().log_path(folder)) for folder in (whole, parted))
+    expected, found = (read_trace(_job().log_path(folder)).recommended for folder in (whole, parted))
     assert [item.evaluations for item in expected] == [7, 8, 9, 10]
     for a, b in zip(expected, found, strict=True):
         assert (a.evaluations, a.x.tolist(), a.outcome.mean) == (b.evaluations, b.x.tolist(), b.outcome.mean)
@@ -148,9 +148,9 @@ def _run(method: str, seed: int, means: list[float]) -> Run:
         Recommendation(7 + k, np.array([0.1]), NoisyOutcome(mean, 0.5, mean - 1.0))
         for k, mean in enumerate(means)
     )
-    trace = Trace(np.array([[0.1]]), np.array([1.0]), [], np.array([[0.1]]), notes)
+    trace = Trace(np.array([[0.1]]), np.array([1.0]), [], np.array([[0.1]]), notes, ("x",))
     result = {"resumed": False, "optimizer_cpu_seconds": 1.0, "versions": {"python": "3"}}
-    return Run(_job(method, seed=seed), result, trace, ("x",))
+    return Run(_job(method, seed=seed), result, trace)
 
 
 def test_the_table_has_the_last_outcome_and_the_papers_beside() -> None:

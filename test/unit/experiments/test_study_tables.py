@@ -34,8 +34,8 @@ def _run(
 ) -> Run:
     points = np.array(X if X is not None else [[0.0, 0.0, 0.05 * k] for k in range(len(y))], dtype=np.float64)
     record = {"resumed": False, "optimizer_cpu_seconds": 2.0, **result}
-    trace = Trace(points, np.array(y), [[1, 2]], points[list(chosen)])
-    return Run(Job(method, objective, seed), record, trace, ("x", "y", "z"))
+    trace = Trace(points, np.array(y), [[1, 2]], points[list(chosen)], names=("x", "y", "z"))
+    return Run(Job(method, objective, seed), record, trace)
 
 
 def _table(metric: str, runs: list[Run]) -> Table:
@@ -78,7 +78,8 @@ def test_sets_are_scored_as_the_thesis_does() -> None:
 def test_diversity_is_counted_in_weighted_distances() -> None:
     run = _run("cl_mebo", 0, [0.6, 0.5], X=[[0.0, 0.0, 0.0], [0.0, 0.03, 0.03]], chosen=(0, 1))
     assert run.diverse == 2
-    assert replace(run, weights=np.array([1.0, 0.1, 1.0])).diverse == 1
+    weighted = replace(run.trace, weights=np.array([1.0, 0.1, 1.0]))
+    assert replace(run, trace=weighted).diverse == 1
 
 
 def test_occlusion_and_retention_by_hand() -> None:
