@@ -17,6 +17,7 @@ from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.experiments import set_metrics
 from mebo_grasp.experiments.grasp_objective import GraspObjective
 from mebo_grasp.experiments.job import Job
+from mebo_grasp.experiments.metrics import mean_batch_variance
 from mebo_grasp.experiments.objective import Trace
 from mebo_grasp.experiments.run_trace import read_trace
 from mebo_grasp.grasp import FloatArray
@@ -171,11 +172,8 @@ def _outcome(run: Run) -> dict[str, float]:
 
 
 def _batch_variance(run: Run) -> dict[str, float]:
-    X = run.trace.X
-    variances = [np.var(X[batch], axis=0) for batch in run.trace.batches if len(batch) > 1]
-    if not variances:
-        return {}
-    return dict(zip(("x", "y"), np.mean(variances, axis=0).tolist(), strict=False))
+    variance = mean_batch_variance(run.trace.X, run.trace.batches)
+    return {} if variance is None else dict(zip(("x", "y"), variance.tolist(), strict=False))
 
 
 def _cost(run: Run) -> dict[str, float]:

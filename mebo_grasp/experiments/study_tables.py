@@ -17,9 +17,9 @@ from mebo_grasp.experiments.objective import Objective
 from mebo_grasp.experiments.published_figures import Figures, printed_figures
 from mebo_grasp.experiments.scores import METRICS, Column, Run
 from mebo_grasp.experiments.statistics import LEVEL, against_best, mean_sd
-from mebo_grasp.experiments.table import Table
+from mebo_grasp.experiments.table import NONE, Table
 
-NONE, WORSE = "-", " †"
+WORSE = " †"
 MOST_OBJECTIVE_COLUMNS = 6
 """With more objectives a table has a row for each of them, and their mean."""
 LEGEND = (

@@ -10,7 +10,8 @@ Where the function is smooth that is a short way to its summit, but among many p
 about which it is mistaken, most of all beyond a cliff. So the others are steps of a few coordinates, the best of a
 handful (a surrogate that chooses among the offspring of an evolution strategy: Emmerich et al. 2002).
 
-While fewer points are found than wanted, the turns of the missing ones are drawn from the whole space.
+While fewer points are found than wanted, the turns of the missing ones are drawn from the whole space, in favour of
+where most may be hoped for. Mostly that is around known points; unknown ones are found by explorations.
 
 A search has no state of its own: its reach follows from the trials that were made nearest to its centre since that
 was found.

@@ -159,7 +159,7 @@ def test_runs_of_another_protocol_do_not_stand_against_the_thesis() -> None:
 
 
 def test_local_penalization_stands_against_gpyopts_row() -> None:
-    figures = published.printed_figures("local_penalization")
+    figures = published.thesis_figures("local_penalization")
     assert figures["himmelblau"][:2] == (0.925, 0.7)
     assert "vincent_2d" not in figures
 
