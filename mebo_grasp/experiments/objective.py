@@ -120,6 +120,7 @@ class Trace:
         recommended: one after each batch since the initial design, where the objective judges them.
         names: of the dimensions; may be missing.
         weights: of the dimensions in distances, shape (d,); 1 each if None.
+        first_split: after how many values a treed surrogate divided the space; None if it never did, or is no tree.
     """
 
     X: FloatArray
@@ -129,6 +130,7 @@ class Trace:
     recommended: tuple[Recommendation, ...] = ()
     names: tuple[str, ...] = ()
     weights: FloatArray | None = None
+    first_split: int | None = None
 
 
 @dataclass(frozen=True)

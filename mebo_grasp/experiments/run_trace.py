@@ -29,11 +29,13 @@ def read_trace(path: Path) -> Trace:
     values: dict[int, float] = {}
     batches: list[list[int]] = []
     recommended: list[Recommendation | None] = []
+    first_split = None
     for record in records:
         if record["kind"] == "ask":
             points |= {trial["id"]: trial["x"] for trial in record["trials"]}
             batch = [trial["id"] for trial in record["trials"] if trial["phase"] != INITIAL_PHASE]
             batches += [batch] if batch else []
+            first_split = first_split or _size_when_split(record)
         elif record["kind"] == "tell":
             values[record["id"]] = record["value"]
         elif record["kind"] == "tell_failed":
@@ -51,7 +53,14 @@ def read_trace(path: Path) -> Trace:
         tuple(item for item in recommended if item is not None),
         names,
         weights,
+        first_split,
     )
+
+
+def _size_when_split(ask: dict[str, Any]) -> int | None:
+    """How many values a treed surrogate of more than one leaf was grown on; None for all others."""
+    surrogate = ask.get("method", {}).get("surrogate", {})
+    return int(surrogate["n_grown"]) if len(surrogate.get("leaves", ())) > 1 else None
 
 
 def _space(header: dict[str, Any]) -> tuple[tuple[str, ...], np.ndarray | None]:

@@ -25,14 +25,19 @@ from mebo_grasp.errors import RunLogError
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.initial_design import best_candidate
 from mebo_grasp.optimization.methods.base import IndexArray, MethodSettings, state_int
-from mebo_grasp.optimization.methods.common import MethodBase, check_count, without_repeats
+from mebo_grasp.optimization.methods.common import (
+    DEFAULT_NUM_SOLUTIONS,
+    MethodBase,
+    check_count,
+    without_repeats,
+)
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.search_space import SearchSpace
 from mebo_grasp.optimization.selection import basins
 from mebo_grasp.optimization.selection.basin_views import View, find_candidates, level_of, look, refine
 from mebo_grasp.optimization.selection.local_searches import EXPLORATION, LocalSearches, rank_of, steps_from
 from mebo_grasp.optimization.selection.polishing import polish
-from mebo_grasp.optimization.selection.solution_set import DEFAULT_SHARE, slot_values
+from mebo_grasp.optimization.selection.solution_set import slot_values
 from mebo_grasp.optimization.surrogate.belief import Belief, Beliefs, PlateauSurrogate, shows_too_little
 
 SAME_PLACE = 1e-3
@@ -42,8 +47,6 @@ REFINED_TURNS = ("exploration", "exploration", "polishing", "polishing")
 """What trials are for, in turn, when the best candidate's basin is confirmed; and when no refinement promises more."""
 SET_PERIOD, SET_TURN = 3, 2
 """Without a plateau one trial in this many goes to the set of diverse points if their number is given."""
-DEFAULT_NUM_SOLUTIONS = 4
-"""Local searches where the function has a plateau and no number of solutions is given."""
 
 
 class BasinSearch(MethodBase):
@@ -94,7 +97,7 @@ class BasinSearch(MethodBase):
 
     def _local_searches(self, observations: Observations) -> LocalSearches:
         U, y = observations.U, observations.y
-        size, (sides, distance) = self.settings.num_solutions or DEFAULT_NUM_SOLUTIONS, self._metric
+        size, (sides, distance) = self.settings.num_solutions or DEFAULT_NUM_SOLUTIONS, self.metric()
         return LocalSearches(U, y, float(np.min(y)), sides, size, distance)
 
     def _search_locally(
@@ -138,16 +141,9 @@ class BasinSearch(MethodBase):
             views = [view.after(belief) for view, belief in zip(views, beliefs.members, strict=True)]
         return np.stack(picks)
 
-    @property
-    def _metric(self) -> tuple[FloatArray, float]:
-        """Lengths of the cube's sides, shape (d,), and the smallest distance of two solutions in these."""
-        if self.settings.min_distance is not None:
-            return self.space.weighted_sides, self.settings.min_distance
-        return np.ones(self.space.dim), DEFAULT_SHARE * float(np.sqrt(self.space.dim))
-
     def _pick_for_set(self, beliefs: Beliefs, views: list[View], size: int) -> FloatArray:
         """The candidate that promises most for the set of ``size`` diverse points, refined, shape (d,)."""
-        sides, distance = self._metric
+        sides, distance = self.metric()
         slots = [
             slot_values(view.belief.U * sides, view.belief.y, view.candidates * sides, size, distance)
             for view in views

@@ -9,6 +9,7 @@ import numpy as np
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.acquisition.cluster_improvement import ClusterExpectedImprovement
 from mebo_grasp.optimization.methods.base import IndexArray
+from mebo_grasp.optimization.methods.common import DEFAULT_NUM_SOLUTIONS
 from mebo_grasp.optimization.methods.e_mebo import CANDIDATES_PER_POINT, EMebo
 from mebo_grasp.optimization.methods.mebo import Mebo
 from mebo_grasp.optimization.observations import Observations
@@ -16,11 +17,7 @@ from mebo_grasp.optimization.selection.boltzmann import Box, draw
 from mebo_grasp.optimization.selection.clustering import Cluster, choose_clusters, find_clusters
 from mebo_grasp.optimization.selection.explorative import most_distant_subset
 from mebo_grasp.optimization.selection.quality_diversity import best_combination
-from mebo_grasp.optimization.selection.solution_set import DEFAULT_SHARE
 from mebo_grasp.optimization.surrogate.posterior import Posterior
-
-DEFAULT_NUM_SOLUTIONS = 4
-"""Number of solutions M when none is given (thesis 7.4 for bottle and vase)."""
 
 BOX_MARGIN = 0.04
 """Half side of the box round a centroid that a cluster's search box contains at least (thesis's code)."""
@@ -56,19 +53,12 @@ class ClMebo(EMebo):
             return "boltzmann" if iteration % 3 == 0 else "clusters"
         return "clusters"
 
-    def _diversity(self, min_distance: float | None = None) -> tuple[FloatArray, float]:
-        """Lengths of the cube's sides and smallest distance, in real units, or in the cube if none is set."""
-        distance = min_distance if min_distance is not None else self.settings.min_distance
-        if distance is None:
-            return np.ones(self.space.dim), DEFAULT_SHARE * float(np.sqrt(self.space.dim))
-        return self.space.weighted_sides, distance
-
     def cluster_batch(
         self, posterior: Posterior, observations: Observations, count: int, rng: np.random.Generator
     ) -> FloatArray:
         """Cluster batch sampling, or explorative sampling when too few clusters are found (thesis 5.3.1)."""
         wanted = self.settings.num_solutions or DEFAULT_NUM_SOLUTIONS
-        scale, distance = self._diversity()
+        scale, distance = self.metric()
         clusters = find_clusters(observations.U, observations.y, wanted, scale, distance, rng)
         if len(clusters) < ceil(self.settings.cluster_share * wanted):
             return self.explorative(posterior, observations, count, rng)
@@ -118,11 +108,13 @@ class ClMebo(EMebo):
         wanted = size or self.settings.num_solutions or DEFAULT_NUM_SOLUTIONS
         if wanted < 2 or observations.n < wanted:
             return super().solution_set(observations, wanted, min_distance)
-        scale, distance = self._diversity(min_distance)
+        scale, distance = self.metric(min_distance)
         # A fixed seed: the answer depends on the observations alone, however often it is asked for.
         rng = np.random.default_rng(0)
         ranking = self.ranking(observations)
-        clusters = find_clusters(observations.U, ranking, wanted, scale, distance, rng, False, 0)
+        clusters = find_clusters(
+            observations.U, ranking, wanted, scale, distance, rng, merge=False, lowest_decile=0
+        )
         return best_combination(
             observations.U * scale, ranking, [cluster.members for cluster in clusters], distance
         )

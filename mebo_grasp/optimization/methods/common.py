@@ -15,6 +15,9 @@ from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.search_space import SearchSpace
 from mebo_grasp.optimization.selection.solution_set import DEFAULT_SHARE, greedy_diverse_set
 
+DEFAULT_NUM_SOLUTIONS = 4
+"""Number of solutions M of methods that need one, where none is given (thesis 7.4 for bottle and vase)."""
+
 SAME_POINT = 1e-9
 """Points closer than this in every coordinate of the unit cube count as the same point."""
 
@@ -57,12 +60,27 @@ class MethodBase:
         if self.transform is None:
             return None
         predict_mean = self.predictor(observations)
-        return Outcomes(*unscented_outcomes(predict_mean, observations.U, self.transform))
+        expected, sd, worst = unscented_outcomes(predict_mean, observations.U, self.transform)
+        return Outcomes(expected, sd, worst, expected)
 
     def ranking(self, observations: Observations) -> FloatArray:
         """By what solutions are ranked, shape (n,): expected value under input noise if that counts, else value."""
         outcomes = self.outcomes(observations)
-        return observations.y if outcomes is None else outcomes.expected
+        return observations.y if outcomes is None else outcomes.ranking
+
+    def metric(self, min_distance: float | None = None) -> tuple[FloatArray, float]:
+        """How different two points are, and when they count as different solutions.
+
+        Args:
+            min_distance: see ``MethodSettings``; default that of the settings, else a tenth of the cube's diagonal.
+
+        Returns:
+            (lengths of the cube's sides, shape (d,), smallest Euclidean distance in these).
+        """
+        distance = min_distance if min_distance is not None else self.settings.min_distance
+        if distance is None:
+            return np.ones(self.space.dim), DEFAULT_SHARE * float(np.sqrt(self.space.dim))
+        return self.space.weighted_sides, distance
 
     @property
     def phase(self) -> str:
@@ -74,14 +92,8 @@ class MethodBase:
     ) -> IndexArray:
         """Best points down that keep the distance; see ``greedy_diverse_set``."""
         size = size if size is not None else self.settings.num_solutions
-        distance = min_distance if min_distance is not None else self.settings.min_distance
-        ranking = self.ranking(observations)
-        if distance is None:
-            return greedy_diverse_set(
-                observations.U, ranking, size, DEFAULT_SHARE * np.sqrt(self.space.dim)
-            )
-        points = self.space.from_unit(observations.U) * self.space.distance_weights
-        return greedy_diverse_set(points, ranking, size, distance)
+        sides, distance = self.metric(min_distance)
+        return greedy_diverse_set(observations.U * sides, self.ranking(observations), size, distance)
 
     def state(self) -> dict[str, Any]:
         """Nothing but the phase."""

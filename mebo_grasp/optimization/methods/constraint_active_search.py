@@ -7,10 +7,9 @@ from scipy.special import ndtr
 
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.initial_design import sobol
-from mebo_grasp.optimization.methods.bo import SurrogateMethod
+from mebo_grasp.optimization.methods.surrogate_method import SurrogateMethod
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.selection.coverage import ball_offsets, expected_coverage_improvement
-from mebo_grasp.optimization.selection.solution_set import DEFAULT_SHARE
 from mebo_grasp.optimization.surrogate.posterior import Posterior
 
 DEFAULT_QUANTILE = 0.9
@@ -34,10 +33,7 @@ class ConstraintActiveSearch(SurrogateMethod):
         threshold = self.settings.threshold
         if threshold is None:
             threshold = float(np.quantile(observations.y, DEFAULT_QUANTILE))
-        if self.settings.min_distance is None:
-            scale, radius = np.ones(self.space.dim), DEFAULT_SHARE * float(np.sqrt(self.space.dim))
-        else:
-            scale, radius = self.space.weighted_sides, self.settings.min_distance
+        scale, radius = self.metric()
         tried = observations.taken
         points = np.empty((0, posterior.dim))
         for _ in range(count):

@@ -8,7 +8,7 @@ from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.acquisition.base import OnPosterior
 from mebo_grasp.optimization.acquisition.confidence_bound import UpperConfidenceBound
 from mebo_grasp.optimization.acquisition.maximizer import MaximizerSettings, maximize
-from mebo_grasp.optimization.methods.bo import SurrogateMethod, around_incumbent
+from mebo_grasp.optimization.methods.surrogate_method import SurrogateMethod, around_incumbent
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.selection.local_penalization import (
     LocalPenalizer,

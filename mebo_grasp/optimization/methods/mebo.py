@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from mebo_grasp.errors import RunLogError
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.acquisition.base import Acquisition
 from mebo_grasp.optimization.acquisition.confidence_bound import UpperConfidenceBound
 from mebo_grasp.optimization.acquisition.improvement import ExpectedImprovement
 from mebo_grasp.optimization.methods.base import MethodSettings, state_int
-from mebo_grasp.optimization.methods.common import MethodBase, check_count, without_repeats
-from mebo_grasp.optimization.methods.surrogate_choice import make_surrogate
+from mebo_grasp.optimization.methods.surrogate_method import SurrogateMethod
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.search_space import SearchSpace
 from mebo_grasp.optimization.selection.boltzmann import BoltzmannSettings, draw
@@ -24,7 +22,7 @@ EXPLORATIVE_SHARE = 0.7
 """Share of a batch drawn by UCB (thesis 7.2: about 70 %, two of three)."""
 
 
-class Mebo(MethodBase):
+class Mebo(SurrogateMethod):
     """Multisolution explorative Bayesian optimization.
 
     Needs neither the number of solutions nor a diversity level. Queries of a batch are drawn
@@ -39,7 +37,6 @@ class Mebo(MethodBase):
 
     def __init__(self, space: SearchSpace, settings: MethodSettings) -> None:
         super().__init__(space, settings)
-        self.surrogate = make_surrogate(space.dim, settings)
         self.boltzmann = BoltzmannSettings(
             settings.boltzmann_beta, settings.burn_in, settings.chains, settings.proportional_selection
         )
@@ -47,18 +44,9 @@ class Mebo(MethodBase):
 
     def propose(self, observations: Observations, count: int, rng: np.random.Generator) -> FloatArray:
         """Return queries drawn from the Boltzmann policy, shape (count, d)."""
-        check_count(count)
-        if observations.n == 0:
-            self._phase = "no data"
-            return rng.random((count, observations.dim))
-        posterior = self.surrogate.update(observations, rng)
-        points = self.select(posterior, observations, count, rng)
-        self._proposed += count
-        return without_repeats(points, observations, rng)
-
-    def predictor(self, observations: Observations) -> Callable[[FloatArray], FloatArray]:
-        """The surrogate's mean."""
-        return self.surrogate.posterior(observations).predict_mean
+        points = super().propose(observations, count, rng)
+        self._proposed += count if observations.n else 0
+        return points
 
     def select(
         self, posterior: Posterior, observations: Observations, count: int, rng: np.random.Generator
@@ -82,14 +70,10 @@ class Mebo(MethodBase):
         return [improvement if slot < n_exploitative else bound for slot in slots]
 
     def state(self) -> dict[str, Any]:
-        """Phase, points proposed so far and the surrogate's state."""
-        return {**super().state(), "proposed": self._proposed, "surrogate": self.surrogate.state()}
+        """Phase, the surrogate's state and the number of points proposed so far."""
+        return {**super().state(), "proposed": self._proposed}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Continue from ``state``."""
         super().restore(state)
         self._proposed = state_int(state, "proposed")
-        surrogate = state.get("surrogate")
-        if not isinstance(surrogate, dict):
-            raise RunLogError(f"the method's state needs the surrogate's, got {surrogate!r}")
-        self.surrogate.restore(surrogate)

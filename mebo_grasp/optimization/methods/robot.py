@@ -9,16 +9,13 @@ import numpy as np
 from mebo_grasp.errors import RunLogError
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.methods.base import IndexArray, MethodSettings, state_int
-from mebo_grasp.optimization.methods.bo import SurrogateMethod
+from mebo_grasp.optimization.methods.common import DEFAULT_NUM_SOLUTIONS
+from mebo_grasp.optimization.methods.surrogate_method import SurrogateMethod
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.search_space import SearchSpace
-from mebo_grasp.optimization.selection.solution_set import DEFAULT_SHARE, greedy_diverse_set
+from mebo_grasp.optimization.selection.solution_set import greedy_diverse_set
 from mebo_grasp.optimization.selection.trust_region import TrustRegion, candidates_in_box, improves
 from mebo_grasp.optimization.surrogate.posterior import Posterior
-
-DEFAULT_NUM_SOLUTIONS = 4
-"""Number of solutions M when none is given (thesis 7.4 for bottle and vase)."""
-
 
 N_FEATURES = 256
 """Spectral features of a draw; its values at the observations are exact whatever their number."""
@@ -71,13 +68,8 @@ class Robot(SurrogateMethod):
             self._assigned += [((first + i) % n_centres, u.tolist()) for i, u in enumerate(points)]
         return points
 
-    def _metric(self) -> tuple[FloatArray, float]:
-        if self.settings.min_distance is None:
-            return np.ones(self.space.dim), DEFAULT_SHARE * float(np.sqrt(self.space.dim))
-        return self.space.weighted_sides, self.settings.min_distance
-
     def _centre_indices(self, observations: Observations) -> IndexArray:
-        scale, distance = self._metric()
+        scale, distance = self.metric()
         return greedy_diverse_set(observations.U * scale, observations.y, self._n_regions, distance)
 
     def _digest(self, observations: Observations) -> None:
@@ -111,7 +103,7 @@ class Robot(SurrogateMethod):
         """Thompson sample in one region, subject to the distance from the centres before it, shape (d,)."""
         lower, upper = self._regions[rank].box(centres[rank], posterior.lengthscales)
         candidates = candidates_in_box(lower, upper, centres[rank], rng)
-        scale, distance = self._metric()
+        scale, distance = self.metric()
         gaps = np.linalg.norm((candidates[:, None] - centres[None, :rank]) * scale, axis=2)
         feasible = np.all(gaps >= distance, axis=1)
         values = posterior.sample_path(rng, N_FEATURES)(candidates)
