@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from mebo_grasp.experiments import published
-from mebo_grasp.experiments.result_set import Result, ResultSet
+from mebo_grasp.experiments.result_set import ResultSet
+from mebo_grasp.experiments.results import Result
 from mebo_grasp.experiments.table import NONE, Table, number
 
 

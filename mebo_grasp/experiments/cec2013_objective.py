@@ -12,6 +12,7 @@ import numpy as np
 from mebo_grasp.experiments.metrics import (
     STRICT_ACCURACIES,
     competition_count,
+    mean_batch_variance,
     strict_count,
     text_count,
     thesis_score,
@@ -103,7 +104,7 @@ class Cec2013(Objective):
         problem = self.make(seed)
         X, y = trace.X, trace.y
         score = thesis_score(problem, X, y, budget)
-        variances = [np.var(X[b], axis=0) for b in trace.batches if len(b) > 1 and max(b) < len(X)]
+        variance = mean_batch_variance(X, trace.batches)
         return {
             "strict": {f"{a:g}": strict_count(problem, trace.solutions, a) for a in STRICT_ACCURACIES},
             "n_optima": problem.n_optima,
@@ -115,7 +116,7 @@ class Cec2013(Objective):
             "text_count": text_count(problem, X, y),
             "basins": {f"{a:g}": strict_count(problem, X, a) for a in STRICT_ACCURACIES},
             "competition": {f"{a:g}": competition_count(problem, X, y, a) for a in STRICT_ACCURACIES},
-            "batch_variance": np.mean(variances, axis=0).tolist() if variances else None,
+            "batch_variance": None if variance is None else variance.tolist(),
         }
 
 

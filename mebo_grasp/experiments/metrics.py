@@ -273,16 +273,15 @@ def _sample_sd(values: FloatArray) -> float:
     return float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
 
 
-def mean_batch_variance(batches: Iterable[npt.ArrayLike]) -> FloatArray:
-    """Mean over batches of the population variance of the batch's points, per dimension, shape (d,).
+def mean_batch_variance(X: FloatArray, batches: Iterable[Sequence[int]]) -> FloatArray | None:
+    """Mean over batches of the population variance of a batch's points (thesis, tables 7.4 and D.1).
 
-    This is the measure of the thesis's tables 7.4 and D.1; batches of one point are left out.
+    Args:
+        X: evaluated points in order, shape (n, d).
+        batches: rows of each batch's points; those of one point or with a row not evaluated are left out.
 
-    Raises:
-        InvalidSettingsError: there is no batch of two or more points.
+    Returns:
+        One variance a dimension, shape (d,); None without a batch.
     """
-    arrays = [np.asarray(batch, dtype=np.float64) for batch in batches]
-    variances = [np.var(batch, axis=0) for batch in arrays if len(batch) > 1]
-    if not variances:
-        raise InvalidSettingsError("batch variance needs at least one batch of two or more points")
-    return np.asarray(np.mean(variances, axis=0))
+    variances = [np.var(X[list(b)], axis=0) for b in batches if len(b) > 1 and max(b) < len(X)]
+    return np.asarray(np.mean(variances, axis=0)) if variances else None

@@ -118,6 +118,9 @@ class Trace:
         batches: for each ask after the initial design the rows of its points.
         solutions: points of the set that the method returned, shape (m, d), best first.
         recommended: one after each batch since the initial design, where the objective judges them.
+        names: of the dimensions; may be missing.
+        weights: of the dimensions in distances, shape (d,); 1 each if None.
+        first_split: after how many values a treed surrogate divided the space; None if it never did, or is no tree.
     """
 
     X: FloatArray
@@ -125,6 +128,9 @@ class Trace:
     batches: list[list[int]]
     solutions: FloatArray
     recommended: tuple[Recommendation, ...] = ()
+    names: tuple[str, ...] = ()
+    weights: FloatArray | None = None
+    first_split: int | None = None
 
 
 @dataclass(frozen=True)

@@ -138,7 +138,7 @@ PRINTED_NAMES = {
 """Names of our methods in the thesis's tables."""
 
 
-def printed_figures(method: str) -> dict[str, Cell]:
+def thesis_figures(method: str) -> dict[str, Cell]:
     """What the thesis prints for one of ``PRINTED_NAMES``, by function."""
     row = PRINTED_NAMES[method]
     tables = (METHODS_1D, METHODS_2D, LOCAL_PENALIZATION_1D, LOCAL_PENALIZATION_2D)

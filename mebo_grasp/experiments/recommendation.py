@@ -5,12 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from mebo_grasp.experiments.objective import Evaluator, NoisyOutcome, Recommendation
-from mebo_grasp.optimization.run_log import NOTE, LoggedOptimizer, RunLog
+from mebo_grasp.optimization.run_log import LoggedOptimizer
 
 _WHAT = "recommended"
 
@@ -58,17 +58,9 @@ class RecommendationJudge:
         return cpu
 
 
-def read_recommendations(path: Path) -> tuple[Recommendation, ...]:
-    """Return the notes of a run's log, in order.
-
-    Raises:
-        RunLogError: the file is no run log.
-    """
-    return tuple(
-        Recommendation(
-            int(record["evaluations"]), np.array(record["x"], dtype=np.float64),
-            NoisyOutcome(float(record["mean"]), float(record["sd"]), float(record["worst"])),
-        )
-        for record in RunLog.load(path)
-        if record["kind"] == NOTE and record.get("what") == _WHAT
-    )  # fmt: skip
+def recommendation_in(note: dict[str, Any]) -> Recommendation | None:
+    """What a note of a run's log says of a recommended point; None if it is of something else."""
+    if note.get("what") != _WHAT:
+        return None
+    outcome = NoisyOutcome(float(note["mean"]), float(note["sd"]), float(note["worst"]))
+    return Recommendation(int(note["evaluations"]), np.array(note["x"], dtype=np.float64), outcome)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from mebo_grasp.experiments.metrics import RunScore, Summary, summarize
-
-Result = dict[str, Any]
+from mebo_grasp.experiments.results import Result
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,12 @@ logged values (their own state is not ours to save).
 
 from __future__ import annotations
 
-import json
 import math
 import platform
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -23,10 +23,11 @@ from mebo_grasp.errors import InvalidSettingsError, RunLogError
 from mebo_grasp.experiments.acquisition_study import STUDY_NAMES, StudyOptimizer
 from mebo_grasp.experiments.job import Job
 from mebo_grasp.experiments.locks import held
-from mebo_grasp.experiments.objective import Evaluator, Trace, WantedSet
+from mebo_grasp.experiments.objective import Evaluator, WantedSet
 from mebo_grasp.experiments.peers import PEER_NAMES, Peer, make_peer, peer_packages
 from mebo_grasp.experiments.protocol import settings_of
-from mebo_grasp.experiments.recommendation import RecommendationJudge, read_recommendations
+from mebo_grasp.experiments.recommendation import RecommendationJudge
+from mebo_grasp.experiments.run_trace import read_trace
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.methods.base import MethodSettings
 from mebo_grasp.optimization.optimizer import INITIAL_PHASE, Optimizer
@@ -73,8 +74,7 @@ def run_job(job: Job, out: Path, stop: StopCheck = lambda: False) -> dict[str, A
     run = _run_peer if job.method in (*PEER_NAMES, *STUDY_NAMES) else _run_method
     with _sole_writer(path), job.objective.open(job.seed) as evaluator:
         cpu_seconds, resumed, solutions = run(job, evaluator, path, stop)
-        X, y, batches = read_trace(path)
-    trace = Trace(X, y, batches, solutions, read_recommendations(path))
+        trace = replace(read_trace(path), solutions=solutions)
     return {
         "kind": "result",
         "format": RESULT_FORMAT,
@@ -85,8 +85,8 @@ def run_job(job: Job, out: Path, stop: StopCheck = lambda: False) -> dict[str, A
         "wall_seconds": time.perf_counter() - begin,
         "resumed": resumed,
         "solutions": solutions.tolist(),
-        "evaluations": len(y),
-        "best_value": float(np.nanmax(y)) if np.any(np.isfinite(y)) else None,
+        "evaluations": len(trace.y),
+        "best_value": float(np.nanmax(trace.y)) if np.any(np.isfinite(trace.y)) else None,
         **job.objective.describe(trace, job.seed, job.budget),
     }
 
@@ -110,7 +110,7 @@ def _run_method(
     resumed = path.exists()
     cpu = 0.0
     method, settings = settings_of(job)
-    judged = read_recommendations(path) if resumed else ()
+    judged = read_trace(path).recommended if resumed else ()
     if resumed:
         optimizer = LoggedOptimizer.resume(path)
         _check_same_run(optimizer.optimizer, settings, evaluator.space, path)
@@ -164,22 +164,15 @@ def _make_peer(job: Job, evaluator: Evaluator) -> Peer:
 def _run_peer(job: Job, evaluator: Evaluator, path: Path, stop: StopCheck) -> tuple[float, bool, FloatArray]:
     if _is_empty_log(path):
         path.unlink()
-    resumed, dim = path.exists(), evaluator.space.dim
-    X, y, _ = read_trace(path) if resumed else (np.empty((0, dim)), np.empty(0), [])
+    resumed = path.exists()
+    X, y = np.empty((0, evaluator.space.dim)), np.empty(0)
+    if resumed:
+        logged = read_trace(path)
+        X, y = logged.X.reshape(-1, X.shape[1]), logged.y
     begin = time.process_time()
     peer = _make_peer(job, evaluator)
     cpu = time.process_time() - begin
-    header = {
-        "method": job.method,
-        "seed": job.seed,
-        "budget": job.budget,
-        "versions": versions(job.method),
-        "space": {
-            "names": list(evaluator.space.names),
-            "distance_weights": evaluator.space.distance_weights.tolist(),
-        },
-    }
-    log = RunLog.append(path) if resumed else RunLog.create(path, header)
+    log = RunLog.append(path) if resumed else RunLog.create(path, _peer_header(job, evaluator.space))
     try:
         n = 0
         while n < job.budget:
@@ -195,9 +188,22 @@ def _run_peer(job: Job, evaluator: Evaluator, path: Path, stop: StopCheck) -> tu
             peer.tell(batch, values)
             cpu += time.process_time() - begin
             n += len(batch)
+            if len(y) < n:
+                fresh = slice(len(y) - n, None)
+                X, y = np.concatenate([X, batch[fresh]]), np.concatenate([y, values[fresh]])
     finally:
         log.close()
-    return cpu, resumed, _peer_solutions(job.objective.wanted_set(job.seed), evaluator.space, path)
+    return cpu, resumed, _peer_solutions(job.objective.wanted_set(job.seed), evaluator.space, X, y)
+
+
+def _peer_header(job: Job, space: SearchSpace) -> dict[str, Any]:
+    return {
+        "method": job.method,
+        "seed": job.seed,
+        "budget": job.budget,
+        "versions": versions(job.method),
+        "space": {"names": list(space.names), "distance_weights": space.distance_weights.tolist()},
+    }
 
 
 def _answer_peer(
@@ -230,9 +236,8 @@ def _answer_peer(
     return np.concatenate([logged_y, fresh])
 
 
-def _peer_solutions(wanted: WantedSet, space: SearchSpace, path: Path) -> FloatArray:
+def _peer_solutions(wanted: WantedSet, space: SearchSpace, X: FloatArray, y: FloatArray) -> FloatArray:
     """Peers return no set of solutions; the best points that are far enough apart stand for it."""
-    X, y, _ = read_trace(path)
     kept: list[int] = []
     for i in np.argsort(-y, kind="stable"):
         if len(kept) == wanted.size:
@@ -241,59 +246,3 @@ def _peer_solutions(wanted: WantedSet, space: SearchSpace, path: Path) -> FloatA
         if not kept or np.min(apart) > wanted.distance:
             kept.append(int(i))
     return X[kept]
-
-
-def read_trace(path: Path) -> tuple[FloatArray, FloatArray, list[list[int]]]:
-    """Evaluated points, values and batches of a log, in the order of asking.
-
-    Args:
-        path: a run log.
-
-    Returns:
-        X of shape (n, d), y of shape (n,) with NaN for failed trials, and for each ask after the
-        initial design the indices of its points. Trials still open are left out.
-
-    Raises:
-        RunLogError: the file is no run log.
-    """
-    points: dict[int, list[float]] = {}
-    values: dict[int, float] = {}
-    batches: list[list[int]] = []
-    for record in RunLog.load(path):
-        if record["kind"] == "ask":
-            points |= {trial["id"]: trial["x"] for trial in record["trials"]}
-            batch = [trial["id"] for trial in record["trials"] if trial["phase"] != INITIAL_PHASE]
-            batches += [batch] if batch else []
-        elif record["kind"] == "tell":
-            values[record["id"]] = record["value"]
-        elif record["kind"] == "tell_failed":
-            values[record["id"]] = float("nan")
-    ids = sorted(values)
-    dim = max((len(x) for x in points.values()), default=0)
-    X = np.array([points[i] for i in ids], dtype=np.float64).reshape(len(ids), dim)
-    return X, np.array([values[i] for i in ids], dtype=np.float64), batches
-
-
-def read_space(path: Path, dim: int) -> tuple[tuple[str, ...], FloatArray]:
-    """Names of the dimensions and their weights in distances, shape (dim,), from a run log's header.
-
-    A log of an earlier version may lack them: then the names are empty, the weights 1.
-    """
-    with path.open(encoding="utf-8") as stream:
-        space = json.loads(stream.readline()).get("space", {})
-    return tuple(space.get("names", ())), np.array(
-        space.get("distance_weights", np.ones(dim)), dtype=np.float64
-    )
-
-
-def read_first_split(path: Path) -> int | None:
-    """After how many values the tree of a treed surrogate had more than one leaf; None if it never had, or no tree.
-
-    Raises:
-        RunLogError: the file is no run log.
-    """
-    for record in RunLog.load(path):
-        surrogate = record.get("method", {}).get("surrogate", {}) if record["kind"] == "ask" else {}
-        if len(surrogate.get("leaves", ())) > 1:
-            return int(surrogate["n_grown"])
-    return None

@@ -6,7 +6,7 @@ Scores are made when a report is made, so that another metric needs no other run
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +17,10 @@ from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.experiments import set_metrics
 from mebo_grasp.experiments.grasp_objective import GraspObjective
 from mebo_grasp.experiments.job import Job
+from mebo_grasp.experiments.metrics import mean_batch_variance
 from mebo_grasp.experiments.objective import Trace
-from mebo_grasp.experiments.peers import PEER_NAMES
-from mebo_grasp.experiments.protocol import settings_of
-from mebo_grasp.experiments.recommendation import read_recommendations
-from mebo_grasp.experiments.run_job import read_first_split, read_space, read_trace
+from mebo_grasp.experiments.run_trace import read_trace
 from mebo_grasp.grasp import FloatArray
-from mebo_grasp.optimization.methods.base import TREED_GP
 
 RETENTION_RADII_MM = (20, 40, 60)
 """Of the ball about the best grasp that is blocked."""
@@ -39,17 +36,11 @@ class Run:
         job: what was run.
         result: its line of ``results.jsonl``.
         trace: what it evaluated and returned.
-        names: of the space's dimensions.
-        weights: of the dimensions in distances, shape (d,); 1 each if None.
-        first_split: after how many values a treed surrogate divided the space; None without a tree.
     """
 
     job: Job
     result: dict[str, Any]
     trace: Trace
-    names: tuple[str, ...] = ()
-    weights: FloatArray | None = None
-    first_split: int | None = None
 
     @classmethod
     def load(cls, job: Job, result: dict[str, Any], out: Path) -> Run:
@@ -58,13 +49,9 @@ class Run:
         Raises:
             RunLogError: the log is gone or unreadable.
         """
-        X, y, batches = read_trace(job.log_path(out))
-        solutions = np.array(result["solutions"], dtype=np.float64).reshape(-1, X.shape[1])
-        trace = Trace(X, y, batches, solutions, read_recommendations(job.log_path(out)))
-        names, weights = read_space(job.log_path(out), X.shape[1])
-        treed = job.method not in PEER_NAMES and settings_of(job)[1].surrogate == TREED_GP
-        first_split = read_first_split(job.log_path(out)) if treed else None
-        return cls(job, result, trace, names, weights, first_split)
+        trace = read_trace(job.log_path(out))
+        solutions = np.array(result["solutions"], dtype=np.float64).reshape(-1, trace.X.shape[1])
+        return cls(job, result, replace(trace, solutions=solutions))
 
     @property
     def solution_values(self) -> FloatArray:
@@ -83,7 +70,8 @@ class Run:
 
     def weighted(self, points: FloatArray) -> FloatArray:
         """Points, shape (n, d), in the unit of distances."""
-        return points if self.weights is None else points * self.weights
+        weights = self.trace.weights
+        return points if weights is None else points * weights
 
 
 @dataclass(frozen=True)
@@ -184,11 +172,8 @@ def _outcome(run: Run) -> dict[str, float]:
 
 
 def _batch_variance(run: Run) -> dict[str, float]:
-    X = run.trace.X
-    variances = [np.var(X[batch], axis=0) for batch in run.trace.batches if len(batch) > 1]
-    if not variances:
-        return {}
-    return dict(zip(("x", "y"), np.mean(variances, axis=0).tolist(), strict=False))
+    variance = mean_batch_variance(run.trace.X, run.trace.batches)
+    return {} if variance is None else dict(zip(("x", "y"), variance.tolist(), strict=False))
 
 
 def _cost(run: Run) -> dict[str, float]:

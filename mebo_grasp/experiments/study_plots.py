@@ -117,7 +117,7 @@ def mark_first_split(axes: Any, runs: Sequence[Run]) -> None:
         axes: of evaluations.
         runs: finished runs.
     """
-    splits = [run.first_split for run in runs if run.first_split is not None]
+    splits = [run.trace.first_split for run in runs if run.trace.first_split is not None]
     if splits:
         axes.axvline(min(splits), color="C3", ls="--", lw=0.9)
 

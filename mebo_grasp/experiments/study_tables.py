@@ -1,7 +1,7 @@
 """The tables of an experiment: a metric over methods and objectives, beside what the sources print.
 
 Every cell is the mean ± standard deviation (n - 1) over runs and their number; the best of a column stands out, and
-those that are significantly worse are marked.
+those that are significantly worse are marked. A single run has no deviation.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from mebo_grasp.experiments.objective import Objective
 from mebo_grasp.experiments.published_figures import Figures, printed_figures
 from mebo_grasp.experiments.scores import METRICS, Column, Run
 from mebo_grasp.experiments.statistics import LEVEL, against_best, mean_sd
-from mebo_grasp.experiments.table import Table
+from mebo_grasp.experiments.table import NONE, Table
 
-NONE, WORSE = "-", " †"
+WORSE = " †"
 MOST_OBJECTIVE_COLUMNS = 6
 """With more objectives a table has a row for each of them, and their mean."""
 LEGEND = (
@@ -39,7 +39,7 @@ class Cell:
 
     Args:
         mean: over runs.
-        sd: standard deviation over runs.
+        sd: standard deviation over runs; 0 for a single one, which has none.
         runs: how many.
         is_best: whether its mean is the best of its column.
         p: adjusted p-value against the best; None for the best and where no value is better than another.
@@ -53,7 +53,8 @@ class Cell:
 
     def text(self, digits: int) -> str:
         """The cell as it is shown."""
-        text = f"{self.mean:.{digits}f} ± {self.sd:.{digits}f} ({self.runs})"
+        spread = f" ± {self.sd:.{digits}f}" if self.runs > 1 else ""
+        text = f"{self.mean:.{digits}f}{spread} ({self.runs})"
         if self.is_best:
             return f"**{text}**"
         return text + (WORSE if self.p is not None and self.p < LEVEL else "")
@@ -129,7 +130,8 @@ class StudyTable:
             begin = (self.metric, self.group, item.label, item.column.name)
             for method, cell in item.cells.items():
                 p = "" if cell.p is None else f"{cell.p:.6g}"
-                numbers = (f"{cell.mean:.10g}", f"{cell.sd:.10g}", str(cell.runs), str(int(cell.is_best)), p)
+                sd = f"{cell.sd:.10g}" if cell.runs > 1 else ""
+                numbers = (f"{cell.mean:.10g}", sd, str(cell.runs), str(int(cell.is_best)), p)
                 yield (*begin, method, "measured", *numbers)
             printed = item.printed
             for method, (mean, sd) in printed.by_method.items():
@@ -218,7 +220,7 @@ def solution_table(runs: Sequence[Run]) -> Table | None:
     best: dict[str, Run] = {}
     for run in runs:
         values = run.solution_values
-        if len(values) and run.names:
+        if len(values) and run.trace.names:
             known = best.get(run.job.method)
             if known is None or max(values) > max(known.solution_values):
                 best[run.job.method] = run
@@ -230,7 +232,7 @@ def solution_table(runs: Sequence[Run]) -> Table | None:
         for point, value in zip(run.trace.solutions, run.solution_values, strict=True)
     ]
     first = next(iter(best.values()))
-    header = ("method", "seed", "value", *first.names)
+    header = ("method", "seed", "value", *first.trace.names)
     note = "The set that a method returned in the run with its best value, best first."
     return Table(f"Solutions: {first.job.objective.column}", header, tuple(rows), note)
 

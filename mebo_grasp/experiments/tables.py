@@ -18,7 +18,8 @@ from mebo_grasp.experiments.problems import (
     THESIS_FUNCTIONS,
 )
 from mebo_grasp.experiments.protocol import VARIANTS
-from mebo_grasp.experiments.result_set import Result, ResultSet, label_of, summary_of
+from mebo_grasp.experiments.result_set import ResultSet, label_of, summary_of
+from mebo_grasp.experiments.results import Result
 from mebo_grasp.experiments.table import NONE, Table, number, spread
 from mebo_grasp.experiments.thesis_standing import thesis_standing_table
 

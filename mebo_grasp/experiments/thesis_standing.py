@@ -6,7 +6,8 @@ import numpy as np
 
 from mebo_grasp.experiments import published
 from mebo_grasp.experiments.job import BATCH_SIZE, BUDGET, N_INITIAL
-from mebo_grasp.experiments.result_set import Result, ResultSet
+from mebo_grasp.experiments.result_set import ResultSet
+from mebo_grasp.experiments.results import Result
 from mebo_grasp.experiments.table import Table, number
 
 
@@ -15,7 +16,7 @@ def thesis_standing_table(results: ResultSet) -> Table | None:
     rows = [
         row
         for method in published.PRINTED_NAMES
-        for function, printed in published.printed_figures(method).items()
+        for function, printed in published.thesis_figures(method).items()
         if (row := _row(method, function, printed, _by_protocol(results, method, function))) is not None
     ]
     if not rows:

@@ -1,4 +1,4 @@
-"""Space-filling designs in the unit cube, from ``scipy.stats.qmc``."""
+"""Points that fill the unit cube: designs from ``scipy.stats.qmc``, and one point more beside others."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ import inspect
 from typing import Any
 
 import numpy as np
+from scipy.spatial.distance import cdist
 from scipy.stats import qmc
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import FloatArray
+
+NUM_CANDIDATES = 32
+"""Uniform points of which ``best_candidate`` takes one."""
 
 
 def _engine(kind: Any, dim: int, rng: np.random.Generator, **options: Any) -> Any:
@@ -57,3 +61,15 @@ def sobol(n: int, dim: int, rng: np.random.Generator) -> FloatArray:
     # Drawing a power of two keeps the balance properties (and scipy quiet); the surplus is cut off.
     design: FloatArray = _engine(qmc.Sobol, dim, rng, scramble=True).random_base2(max(n - 1, 0).bit_length())
     return design[:n]
+
+
+def best_candidate(taken: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Of a few uniform points the one farthest from all that are taken (Mitchell 1991), shape (d,).
+
+    Args:
+        taken: points of the unit cube, shape (n, d), at least one.
+        rng: source of randomness.
+    """
+    candidates = rng.random((NUM_CANDIDATES, taken.shape[1]))
+    farthest: FloatArray = candidates[int(np.argmax(np.min(cdist(candidates, taken), axis=1)))]
+    return farthest

@@ -10,8 +10,8 @@ that is too sure of itself would never look there; and a quarter, half when refi
 polishes incumbents without a model, because a smooth surrogate never finds the summit of a kink.
 
 Where the function has a plateau, as a grasp's quality has, most of the space is of no use, and the search is
-by local searches around the best diverse points instead. Where it has none and the number of solutions is given, one
-trial in three goes to the set of that many diverse points.
+by local searches around the best diverse points instead; until there are a few, the space is filled. Where it has no
+plateau and the number of solutions is given, one trial in three goes to the set of that many diverse points.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from scipy.special import logsumexp
 
 from mebo_grasp.errors import RunLogError
 from mebo_grasp.grasp import FloatArray
+from mebo_grasp.optimization.initial_design import best_candidate
 from mebo_grasp.optimization.methods.base import IndexArray, MethodSettings, state_int
 from mebo_grasp.optimization.methods.common import (
     DEFAULT_NUM_SOLUTIONS,
@@ -34,10 +35,10 @@ from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.search_space import SearchSpace
 from mebo_grasp.optimization.selection import basins
 from mebo_grasp.optimization.selection.basin_views import View, find_candidates, level_of, look, refine
-from mebo_grasp.optimization.selection.local_searches import EXPLORATION, LocalSearches, rank_of
+from mebo_grasp.optimization.selection.local_searches import EXPLORATION, LocalSearches, rank_of, steps_from
 from mebo_grasp.optimization.selection.polishing import polish
 from mebo_grasp.optimization.selection.solution_set import slot_values
-from mebo_grasp.optimization.surrogate.belief import Belief, Beliefs, PlateauSurrogate
+from mebo_grasp.optimization.surrogate.belief import Belief, Beliefs, PlateauSurrogate, shows_too_little
 
 SAME_PLACE = 1e-3
 """A pick this near to an observation, in every coordinate of the cube, does not open a new basin."""
@@ -70,6 +71,8 @@ class BasinSearch(MethodBase):
         if observations.n == 0:
             self._phase = "no data"
             return rng.random((count, observations.dim))
+        if shows_too_little(observations.y):
+            return without_repeats(self._look_around(observations, count, rng), observations, rng)
         beliefs = self.surrogate.update(observations.U, observations.y, rng)
         assumed = np.concatenate([observations.failed, observations.pending])
         if len(assumed):
@@ -80,15 +83,30 @@ class BasinSearch(MethodBase):
             points = self._select(beliefs, count, rng)
         return without_repeats(points, observations, rng)
 
+    def _look_around(self, observations: Observations, count: int, rng: np.random.Generator) -> FloatArray:
+        """Fill the space until enough lies off the plateau; each second trial steps from the best that does."""
+        centre, length = self._local_searches(observations).reach(0, rng)
+        steps = [centre is not None and (self._proposed + i) % 2 == 0 for i in range(count)]
+        self._proposed += count
+        self._phase = "improvement" if steps[0] else "exploration"
+        taken = observations.taken
+        for is_step in steps:
+            point = steps_from(centre, length, observations.dim, rng)[0] if is_step else best_candidate(taken, rng)
+            taken = np.concatenate([taken, point[None]])
+        return taken[-count:]
+
+    def _local_searches(self, observations: Observations) -> LocalSearches:
+        U, y = observations.U, observations.y
+        size, (sides, distance) = self.settings.num_solutions or DEFAULT_NUM_SOLUTIONS, self.metric()
+        return LocalSearches(U, y, float(np.min(y)), sides, size, distance)
+
     def _search_locally(
         self, belief: Belief, observations: Observations, count: int, rng: np.random.Generator
     ) -> FloatArray:
-        size = self.settings.num_solutions or DEFAULT_NUM_SOLUTIONS
-        sides, distance = self.metric()
-        searches = LocalSearches(observations.U, observations.y, belief.floor, sides, size, distance)
+        searches = self._local_searches(observations)
         picks: list[FloatArray] = []
         for _ in range(count):
-            rank = rank_of(self._proposed, size)
+            rank = rank_of(self._proposed, searches.size)
             self._proposed += 1
             point = searches.pick(belief, rank, rng)
             if not picks:

@@ -16,6 +16,7 @@ from mebo_grasp.optimization.search_space import SearchSpace
 from mebo_grasp.optimization.selection import basins
 from mebo_grasp.optimization.selection.basin_views import level_of
 from mebo_grasp.optimization.selection.safe_search import pick_safe
+from mebo_grasp.optimization.surrogate.belief import shows_too_little
 
 SAFE_PERIOD = 2
 """One trial in this many goes where most is expected under the noise; the others look for basins as ever."""
@@ -50,7 +51,7 @@ class SafeBasinSearch(BasinSearch):
     def propose(self, observations: Observations, count: int, rng: np.random.Generator) -> FloatArray:
         """Return the next points, shape (count, d)."""
         turns = [(self._turns + i) % SAFE_PERIOD == 0 for i in range(count)]
-        n_safe = sum(turns) if observations.n else 0
+        n_safe = sum(turns) if observations.n and not shows_too_little(observations.y) else 0
         self._turns += max(count, 0)
         if n_safe == 0:
             return super().propose(observations, count, rng)

@@ -10,6 +10,9 @@ Where the function is smooth that is a short way to its summit, but among many p
 about which it is mistaken, most of all beyond a cliff. So the others are steps of a few coordinates, the best of a
 handful (a surrogate that chooses among the offspring of an evolution strategy: Emmerich et al. 2002).
 
+While fewer points are found than wanted, the turns of the missing ones are drawn from the whole space, in favour of
+where most may be hoped for. Mostly that is around known points; unknown ones are found by explorations.
+
 A search has no state of its own: its reach follows from the trials that were made nearest to its centre since that
 was found.
 """
@@ -22,6 +25,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.distance import cdist
+from scipy.special import softmax
 
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.acquisition.improvement import log_normalized_improvement
@@ -47,6 +51,8 @@ PATIENCE = 8
 """Trials near a centre that do not improve on it, after which its box takes the next length."""
 BEST_PERIOD = 2
 """At least one trial in this many goes to the best point of all, however many are wanted."""
+DRAW_BETA = 3.0
+"""Inverse temperature of a draw from the whole space, on the standardized optimistic value (as MEBO's)."""
 EXPLORATION_PERIOD = 6
 """One trial in this many is an exploration: it belongs to none of the best diverse points."""
 EXPLORATION = -1
@@ -138,6 +144,8 @@ class LocalSearches:
             rng: source of randomness.
         """
         centre, length = self.reach(rank, rng)
+        if centre is None and rank != EXPLORATION:
+            return draw_from_cube(belief, rng)
         if rng.random() < BOX_SHARE:
             return self._best_of_box(belief, rank, box_around(centre, length, belief), rng)
         points = steps_from(centre, length, belief.dim, rng)
@@ -163,6 +171,18 @@ class LocalSearches:
         # The climb knows one incumbent only. Where it has left that one's neighbourhood, it may have gained nothing.
         stayed = self.incumbents(refined[None], rank)[0] <= own
         return refined if stayed else best
+
+
+def draw_from_cube(belief: Belief, rng: np.random.Generator) -> FloatArray:
+    """One of many uniform points, drawn by a Boltzmann policy on its optimistic value, shape (d,).
+
+    The largest gain in the cube is where the surrogate is mistaken, most often beside a cliff.
+    """
+    points = rng.random((NET_SIZE, belief.dim))
+    values, _ = belief.optimistic(points)
+    spread = float(np.std(values)) or 1.0
+    drawn: FloatArray = points[rng.choice(NET_SIZE, p=softmax(DRAW_BETA * values / spread))]
+    return drawn
 
 
 def box_around(centre: FloatArray | None, length: float, belief: Belief) -> tuple[FloatArray, FloatArray]:

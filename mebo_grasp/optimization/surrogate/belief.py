@@ -246,11 +246,15 @@ class PlateauSurrogate:
         self._labels.restore(state["labels"])
 
 
+def shows_too_little(y: FloatArray) -> bool:
+    """Whether values, shape (n,), have a plateau and next to nothing off it, so that nothing can be learned."""
+    off = y > np.min(y, initial=np.inf)
+    return _showed_plateau(~off) and int(np.count_nonzero(off)) < FEWEST_VALUES
+
+
 def _off_plateau(y: FloatArray) -> BoolArray | None:
     """Which values are off the plateau, shape (n,); None if there is no plateau or hardly a value off it."""
-    if len(y) == 0:
-        return None
-    off: BoolArray = y > np.min(y)
+    off: BoolArray = y > np.min(y, initial=np.inf)
     return off if _showed_plateau(~off) and np.count_nonzero(off) >= FEWEST_VALUES else None
 
 

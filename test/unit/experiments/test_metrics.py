@@ -185,10 +185,12 @@ def test_summary_without_a_find_or_a_run() -> None:
 
 
 def test_batch_variance_is_the_population_variance_per_dimension() -> None:
-    batches = [np.array([[0.0, 0.0], [2.0, 4.0]]), np.array([[1.0, 1.0], [1.0, 1.0]]), np.array([[5.0, 5.0]])]
-    np.testing.assert_allclose(mean_batch_variance(batches), [0.5, 2.0])
-    with pytest.raises(InvalidSettingsError, match="two or more points"):
-        mean_batch_variance([np.array([[1.0]])])
+    X = np.array([[9.0, 9.0], [0.0, 0.0], [2.0, 4.0], [1.0, 1.0], [1.0, 1.0], [5.0, 5.0]])
+    alone, unfinished = [5], [3, 6]
+    variance = mean_batch_variance(X, [[1, 2], [3, 4], alone, unfinished])
+    assert variance is not None
+    np.testing.assert_allclose(variance, [0.5, 2.0])
+    assert mean_batch_variance(X, [alone]) is None
 
 
 @pytest.mark.parametrize(("X", "y"), [(np.zeros((2, 2)), np.zeros(2)), (np.zeros((2, 1)), np.zeros(3))])

@@ -18,9 +18,9 @@ from mebo_grasp.experiments.noisy_objectives import FACET_SPACES, NoisyFunction,
 from mebo_grasp.experiments.objective import NoisyOutcome, Recommendation, Trace
 from mebo_grasp.experiments.problems import NOISY_INPUT_FUNCTIONS
 from mebo_grasp.experiments.protocol import settings_of
-from mebo_grasp.experiments.recommendation import read_recommendations
 from mebo_grasp.experiments.report import write_report
 from mebo_grasp.experiments.run_job import RunStopped, run_job
+from mebo_grasp.experiments.run_trace import read_trace
 from mebo_grasp.experiments.scores import Run
 from mebo_grasp.experiments.study_plots import mark_first_split, outcome_curves
 from mebo_grasp.experiments.study_tables import make_tables
@@ -47,7 +47,7 @@ def test_a_point_is_judged_by_executions_with_the_noise_of_the_seed() -> None:
 
 def test_every_trial_after_the_initial_design_has_a_recommendation(tmp_path: Path) -> None:
     run_job(_job("bo"), tmp_path)
-    found = read_recommendations(_job("bo").log_path(tmp_path))
+    found = read_trace(_job("bo").log_path(tmp_path)).recommended
     assert [item.evaluations for item in found] == [7, 8, 9, 10]
     run = Run.load(_job("bo"), {"solutions": []}, tmp_path)
     for item in run.trace.recommended:
@@ -66,7 +66,7 @@ def test_a_stopped_run_ends_with_the_recommendations_of_a_whole_one(tmp_path: Pa
     assert '"recommended"' in lines[-1]
     log.write_text("".join(lines[:-1]))  # Killed after the value and before what it makes of it.
     run_job(_job(), parted)
-    expected, found = (read_recommendations(_job().log_path(folder)) for folder in (whole, parted))
+    expected, found = (read_trace(_job().log_path(folder)).recommended for folder in (whole, parted))
     assert [item.evaluations for item in expected] == [7, 8, 9, 10]
     for a, b in zip(expected, found, strict=True):
         assert (a.evaluations, a.x.tolist(), a.outcome.mean) == (b.evaluations, b.x.tolist(), b.outcome.mean)
@@ -152,9 +152,9 @@ def _run(method: str, seed: int, means: list[float]) -> Run:
         Recommendation(7 + k, np.array([0.1]), NoisyOutcome(mean, 0.5, mean - 1.0))
         for k, mean in enumerate(means)
     )
-    trace = Trace(np.array([[0.1]]), np.array([1.0]), [], np.array([[0.1]]), notes)
+    trace = Trace(np.array([[0.1]]), np.array([1.0]), [], np.array([[0.1]]), notes, ("x",))
     result = {"resumed": False, "optimizer_cpu_seconds": 1.0, "versions": {"python": "3"}}
-    return Run(_job(method, seed=seed), result, trace, ("x",))
+    return Run(_job(method, seed=seed), result, trace)
 
 
 def test_the_table_has_the_last_outcome_and_the_papers_beside() -> None:
@@ -174,10 +174,11 @@ def test_the_first_split_of_a_tree_is_read_and_drawn(tmp_path: Path) -> None:
     run = Run.load(job, {"solutions": []}, tmp_path)
     grown = [len(list(grow(run.trace.X[:n], run.trace.y[:n], 8).leaves())) for n in range(14, 19)]
     assert grown[:2] == [1, 1]  # A leaf needs 8 observations.
-    assert run.first_split == 14 + grown.index(2)
+    split = run.trace.first_split
+    assert split == 14 + grown.index(2)
     figure = Figure()
-    mark_first_split(figure.add_subplot(), [run, replace(run, first_split=None)])
-    assert np.all(np.asarray(figure.axes[0].lines[0].get_xdata()) == run.first_split)
+    mark_first_split(figure.add_subplot(), [run, replace(run, trace=replace(run.trace, first_split=None))])
+    assert np.all(np.asarray(figure.axes[0].lines[0].get_xdata()) == split)
 
 
 def test_curves_have_the_confidence_interval_of_the_mean() -> None:

@@ -23,7 +23,8 @@ from mebo_grasp.experiments.cec2013_objective import Cec2013
 from mebo_grasp.experiments.job import Job, make_jobs
 from mebo_grasp.experiments.problems import Problem, get_problem
 from mebo_grasp.experiments.results import RESULTS_FILE, load_results
-from mebo_grasp.experiments.run_job import RunStopped, read_trace, run_job
+from mebo_grasp.experiments.run_job import RunStopped, run_job
+from mebo_grasp.experiments.run_trace import read_trace
 from mebo_grasp.experiments.runner import _sole_user, _work, run_jobs
 from mebo_grasp.grasp import FloatArray
 
@@ -82,8 +83,8 @@ def golden_peer(monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 def _trace(job: Job, out: Path) -> tuple[FloatArray, FloatArray]:
-    X, y, _ = read_trace(job.log_path(out))
-    return X, y
+    trace = read_trace(job.log_path(out))
+    return trace.X, trace.y
 
 
 def _trace_of(job: Job, out: Path) -> FloatArray:
@@ -93,7 +94,8 @@ def _trace_of(job: Job, out: Path) -> FloatArray:
 
 def test_a_run_uses_its_budget_and_its_log_holds_the_trace(tmp_path: Path) -> None:
     result = run_job(MEBO, tmp_path)
-    X, y, batches = read_trace(MEBO.log_path(tmp_path))
+    trace = read_trace(MEBO.log_path(tmp_path))
+    X, y, batches = trace.X, trace.y, trace.batches
     assert result["evaluations"] == len(X) == len(y) == 16
     problem = HIMMELBLAU.make(MEBO.seed)
     np.testing.assert_array_equal(y, problem(X))
@@ -145,7 +147,7 @@ def test_the_acquisition_study_runs_and_continues_after_a_cut(tmp_path: Path, na
     job = Job(name, HIMMELBLAU, 1, **SMALL)
     whole = run_job(job, tmp_path)
     before = _trace(job, tmp_path)
-    batches = read_trace(job.log_path(tmp_path))[2]
+    batches = read_trace(job.log_path(tmp_path)).batches
     assert batches == [[7, 8, 9], [10, 11, 12], [13, 14, 15]]
     path = job.log_path(tmp_path)
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
@@ -187,7 +189,8 @@ def test_a_log_of_a_header_alone_continues(tmp_path: Path, golden_peer: str, met
     whole = run_job(job, tmp_path)
     path = job.log_path(tmp_path)
     path.write_bytes(path.read_bytes().splitlines(keepends=True)[0])
-    assert [len(part) for part in read_trace(path)] == [0, 0, 0]
+    emptied = read_trace(path)
+    assert (emptied.X.shape, emptied.y.shape, emptied.batches) == ((0, 2), (0,), [])
     assert run_job(job, tmp_path)["found_values"] == whole["found_values"]
 
 
@@ -301,7 +304,7 @@ def _wait_for_tells(out: Path, count: int) -> None:
 
 
 def _traces(out: Path) -> dict[str, list[list[float]]]:
-    return {path.name: read_trace(path)[0].tolist() for path in sorted(out.rglob("seed-*.jsonl"))}
+    return {path.name: read_trace(path).X.tolist() for path in sorted(out.rglob("seed-*.jsonl"))}
 
 
 @pytest.mark.slow

@@ -17,7 +17,8 @@ from mebo_grasp.experiments.peers import PEER_NAMES, PeerTask, installed_peers, 
 from mebo_grasp.experiments.plots import padded_curves, plot_found_optima
 from mebo_grasp.experiments.problems import CLASSIC_FUNCTIONS
 from mebo_grasp.experiments.protocol import known_methods, select_methods, settings_of
-from mebo_grasp.experiments.run_job import read_trace, run_job
+from mebo_grasp.experiments.run_job import run_job
+from mebo_grasp.experiments.run_trace import read_trace
 from mebo_grasp.experiments.table import Table
 from mebo_grasp.experiments.tables import all_tables
 
@@ -158,7 +159,7 @@ def test_runs_of_another_protocol_do_not_stand_against_the_thesis() -> None:
 
 
 def test_local_penalization_stands_against_gpyopts_row() -> None:
-    figures = published.printed_figures("local_penalization")
+    figures = published.thesis_figures("local_penalization")
     assert figures["himmelblau"][:2] == (0.925, 0.7)
     assert "vincent_2d" not in figures
 
@@ -247,7 +248,7 @@ def test_absent_peers_are_refused_by_name() -> None:
 def test_a_peer_without_a_design_of_its_own_begins_with_ours(tmp_path: Path) -> None:
     job = Job("random", HIMMELBLAU, 4, budget=20, n_initial=20)
     run_job(job, tmp_path)
-    X = read_trace(job.log_path(tmp_path))[0]
+    X = read_trace(job.log_path(tmp_path)).X
     problem = HIMMELBLAU.make(4)
     task = PeerTask(problem.lower, problem.upper, 20, 3, 4)
     np.testing.assert_allclose(task.to_box(task.initial_design()), X)

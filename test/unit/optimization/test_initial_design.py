@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from mebo_grasp.errors import InvalidSettingsError
-from mebo_grasp.optimization.initial_design import latin_hypercube, sobol
+from mebo_grasp.optimization.initial_design import best_candidate, latin_hypercube, sobol
 
 
 @pytest.mark.parametrize("n", [1, 2, 25])
@@ -34,3 +34,11 @@ def test_empty_and_impossible_designs(draw):
         draw(-1, 2, np.random.default_rng(0))
     with pytest.raises(InvalidSettingsError):
         draw(3, 0, np.random.default_rng(0))
+
+
+def test_best_candidate_goes_to_the_largest_gap():
+    # Only the upper right quarter is free; its farthest corner is 0.5 from the nearest point of the rest.
+    taken = np.array([(a, b) for a in np.linspace(0, 1, 9) for b in np.linspace(0, 1, 9) if a <= 0.5 or b <= 0.5])
+    picks = np.array([best_candidate(taken, np.random.default_rng(seed)) for seed in range(20)])
+    assert np.all(picks > 0.5)
+    assert np.mean(picks) > 0.8

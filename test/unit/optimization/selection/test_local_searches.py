@@ -145,3 +145,15 @@ def test_each_search_climbs_its_own_hill(tried, belief, rank, summit):
     assert np.all(np.linalg.norm(points - summit, axis=1) < 0.2)
     # About half of the picks are the best of the box, the others steps, of which most promise less.
     assert np.mean(hills(points) > y[found.centres[rank]]) > 0.5
+
+
+def test_turns_of_points_not_found_yet_are_spread_over_what_is_promising(tried, belief):
+    U, y = tried
+    found = LocalSearches(U, y, belief.floor, SIDES, 6, 0.3)
+    missing = len(found.centres)
+    assert missing < 6
+    rng = np.random.default_rng(1)
+    points = np.array([found.pick(belief, missing, rng) for _ in range(50)])
+    # A fifth of the square is off the plateau. The largest gain alone would give the same summit again and again.
+    assert np.mean(hills(points) > 0.0) > 0.9
+    assert np.all(np.std(points, axis=0) > 0.02)

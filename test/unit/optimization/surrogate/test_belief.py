@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mebo_grasp.errors import RunLogError
-from mebo_grasp.optimization.surrogate.belief import Belief, PlateauSurrogate
+from mebo_grasp.optimization.surrogate.belief import Belief, PlateauSurrogate, shows_too_little
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
 
 
@@ -88,6 +88,21 @@ def test_one_value_off_the_plateau_is_too_few_to_model_by_itself():
     y = np.zeros(20)
     y[3] = 1.0
     assert PlateauSurrogate(2).update(U, y, np.random.default_rng(1)).best.chance is None
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ([0.0] * 25, True),
+        ([0.0] * 23 + [1.0, 2.0], True),
+        ([0.0] * 22 + [1.0, 2.0, 3.0], False),
+        ([0.0, 1.0, 2.0], False),
+        ([0.0] * 3, False),
+        ([], False),
+    ],
+)
+def test_plateau_with_next_to_nothing_off_it_shows_too_little(values, expected):
+    assert shows_too_little(np.array(values)) is expected
 
 
 def test_plateau_is_not_forgotten_when_the_search_has_left_it():
