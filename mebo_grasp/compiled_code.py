@@ -12,12 +12,13 @@ import hashlib
 from pathlib import Path
 
 STAMP = "sources.sha256"
+_HOW = Path(__file__).with_name("compiling.py")
 
 
 def sources_digest(folder: Path) -> str:
-    """Return a digest of names and contents of the modules in a folder."""
+    """Return a digest of names and contents of the modules in a folder, and of how they are compiled."""
     digest = hashlib.sha256()
-    for path in sorted(folder.glob("*.py")):
+    for path in (*sorted(folder.glob("*.py")), _HOW):
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
 

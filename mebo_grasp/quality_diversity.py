@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from mebo_grasp.compiling import compiled
 from mebo_grasp.grasp import FloatArray
 
 IndexArray = npt.NDArray[np.int64]
@@ -52,7 +52,7 @@ def _limit(clusters: list[IndexArray]) -> list[IndexArray]:
     return clusters
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def qd_of_rows(distances: FloatArray, qualities: FloatArray, rows: IndexArray, min_distance: float) -> float:
     """Return the QD value of a small set (thesis, section 5.3.2); see ``solutions.diversity.qd_value``."""
     m = len(rows)
@@ -78,7 +78,7 @@ def qd_of_rows(distances: FloatArray, qualities: FloatArray, rows: IndexArray, m
     return float(diverse * np.mean(nearest) * (least + total / m))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def best_subset(distances: FloatArray, qualities: FloatArray, m: int, min_distance: float) -> IndexArray:
     """Return the rows of the set of m solutions with the greatest QD value, of all such sets."""
     n = len(qualities)
@@ -98,7 +98,7 @@ def best_subset(distances: FloatArray, qualities: FloatArray, m: int, min_distan
             rows[k] = rows[k - 1] + 1
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _best_combination(
     distances: FloatArray, qualities: FloatArray, members: IndexArray, begins: IndexArray, min_distance: float
 ) -> IndexArray:

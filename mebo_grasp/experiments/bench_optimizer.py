@@ -3,7 +3,8 @@
 n points are known, then rounds of one batch are asked and told, so that ten rounds contain two learnings of
 the hyperparameters with the period of five. Installed peers (extra ``[peers]``) stand in the same table,
 measured in fewer rounds where one takes minutes. CPU time is what counts on a shared machine; wall time is
-printed beside it, and the most memory that the process has held so far.
+printed beside it, and the most memory that the process has held so far. ``--set`` gives our methods other settings,
+e.g. ``surrogate=treed_gp`` or ``safe=true``.
 """
 
 from __future__ import annotations
@@ -12,10 +13,12 @@ import argparse
 import resource
 import sys
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
+import yaml
 
 from mebo_grasp.experiments.peers import PEER_NAMES, installed_peers, make_peer
 from mebo_grasp.grasp import FloatArray
@@ -61,10 +64,13 @@ class OurSide:
         batch: points a round.
         budget: points in all.
         seed: seed of the run.
+        chosen: further settings.
     """
 
-    def __init__(self, method: str, n: int, dim: int, batch: int, budget: int, seed: int) -> None:
-        settings = OptimizerSettings(budget=budget, n_initial=n, batch_size=batch)
+    def __init__(
+        self, method: str, n: int, dim: int, batch: int, budget: int, seed: int, chosen: Mapping[str, Any]
+    ) -> None:
+        settings = OptimizerSettings(budget=budget, n_initial=n, batch_size=batch, **chosen)
         self._optimizer = Optimizer(SearchSpace.unit_cube(dim), method, settings, seed)
         for trial in self._optimizer.ask(n):
             self._optimizer.tell(trial.id, objective(trial.x))
@@ -97,9 +103,22 @@ class PeerSide:
             left -= self._some(left)
 
 
-def measure(method: str, n: int, dim: int, rounds: int, batch: int, seed: int) -> Cost:
-    """Time ``rounds`` batches with n points known at the start, telling included: some peers learn there."""
-    side = (PeerSide if method in PEER_NAMES else OurSide)(method, n, dim, batch, n + rounds * batch, seed)
+def measure(
+    method: str, n: int, dim: int, rounds: int, batch: int, seed: int, chosen: Mapping[str, Any] | None = None
+) -> Cost:
+    """Time ``rounds`` batches with n points known at the start, telling included: some peers learn there.
+
+    Args:
+        method: one of ours or a peer.
+        n: points known at the start.
+        dim: number of dimensions.
+        rounds: batches.
+        batch: points a round.
+        seed: seed of the run.
+        chosen: further settings of our methods.
+    """
+    size = (method, n, dim, batch, n + rounds * batch, seed)
+    side = PeerSide(*size) if method in PEER_NAMES else OurSide(*size, chosen or {})
     cpu, wall = np.empty(rounds), np.empty(rounds)
     for i in range(rounds):
         cpu_start, wall_start = time.process_time(), time.perf_counter()
@@ -136,8 +155,19 @@ def _line(method: str, n: int, options: argparse.Namespace) -> str:
         return f"not measured: it takes seconds a point at {SLOWEST_PEER_SIZE}"
     is_peer = method in PEER_NAMES
     rounds, repetitions = (PEER_ROUNDS, 1) if is_peer else (options.rounds, options.repetitions)
-    costs = [measure(method, n, options.dim, rounds, options.batch, seed) for seed in range(repetitions)]
+    costs = [
+        measure(method, n, options.dim, rounds, options.batch, seed, options.chosen)
+        for seed in range(repetitions)
+    ]
     return f"{report(costs)}   {peak_memory():.0f} MB"
+
+
+def _setting(word: str) -> tuple[str, Any]:
+    """A field of ``OptimizerSettings`` and its value, as YAML has it."""
+    key, _, value = word.partition("=")
+    if key not in {item.name for item in fields(OptimizerSettings)}:
+        raise argparse.ArgumentTypeError(f"{word!r} must be KEY=VALUE with a field of OptimizerSettings")
+    return key, yaml.safe_load(value)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -151,14 +181,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--rounds", type=int, default=10)
     parser.add_argument("--batch", type=int, default=3)
     parser.add_argument("--repetitions", type=int, default=3)
+    parser.add_argument("--set", nargs="+", type=_setting, default=[], metavar="KEY=VALUE", dest="chosen")
     options = parser.parse_args(arguments)
+    options.chosen = dict(options.chosen)
     write = sys.stdout.write
     write(f"d = {options.dim}, batch {options.batch}; CPU ms a point: mean [range of repetitions]\n")
     absent = [name for name in BENCH_PEERS if name not in installed_peers()]
     if absent:
         write(f"not installed (extra [peers]), so not beside ours: {', '.join(absent)}\n")
     for method in options.methods:
-        measure(method, 30, options.dim, 2, options.batch, 0)  # compiles the loops
+        measure(method, 30, options.dim, 2, options.batch, 0, options.chosen)  # compiles the loops
         for n in options.sizes:
             write(f"{method:28s} n = {n:5d}  {_line(method, n, options)}\n")
             sys.stdout.flush()

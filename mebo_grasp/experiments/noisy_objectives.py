@@ -17,6 +17,7 @@ import numpy as np
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.experiments.grasp_objective import load_target, name_of
 from mebo_grasp.experiments.objective import (
+    BatchFunction,
     Evaluator,
     NoisyOutcome,
     Objective,
@@ -32,6 +33,7 @@ from mebo_grasp.grasping.robustness import perturb_point
 from mebo_grasp.grasping.simulator import GraspSimulator
 from mebo_grasp.grasping.trial import ENGINE_NAMES, QUALITY_NAMES, EngineName, QualityName, TrialSettings
 from mebo_grasp.optimization.input_noise import InputNoise
+from mebo_grasp.optimization.methods.registry import WITHOUT_CHOICE
 from mebo_grasp.optimization.search_space import SearchSpace
 
 FACET_SPACES = {"position": 3, "pose": 6, "synergy": 7}
@@ -39,15 +41,16 @@ FACET_SPACES = {"position": 3, "pose": 6, "synergy": 7}
 _FUNCTION_EXECUTIONS = 100
 _MARGIN = 0.01
 _GRASP_MIN_LEAF = 20
+_FUNCTION_NOISE, _GRASP_NOISE = 1e-6, 1e-4
 
 
 def noisy_judge(
-    evaluate: Callable[[FloatArray], float], space: SearchSpace, sd: float, executions: int, seed: int
+    function: BatchFunction, space: SearchSpace, sd: float, executions: int, seed: int
 ) -> Callable[[FloatArray], NoisyOutcome]:
     """Return what carries out a point, shape (d,), with noise.
 
     Args:
-        evaluate: value of a point, shape (d,), real units.
+        function: values, shape (n,), of points, shape (n, d), real units.
         space: the box.
         sd: standard deviation of the inputs, sides of the box.
         executions: how many.
@@ -56,17 +59,22 @@ def noisy_judge(
 
     def judge(x: FloatArray) -> NoisyOutcome:
         rng = np.random.default_rng([seed, 1])
-        values = [evaluate(perturb_point(x, space.lower, space.upper, sd, rng)) for _ in range(executions)]
+        carried_out = [perturb_point(x, space.lower, space.upper, sd, rng) for _ in range(executions)]
+        values = function(np.array(carried_out))
         return NoisyOutcome(float(np.mean(values)), float(np.std(values, ddof=1)), float(np.min(values)))
 
     return judge
 
 
-def _told(sd: float, min_leaf: int) -> dict[str, Any]:
-    """The paper's protocol: hyperparameters are learned anew at each trial; the margin is its code's for functions."""
-    return {
+def _told(method: str, sd: float, min_leaf: int, noise_variance: float) -> dict[str, Any]:
+    """The paper's protocol: hyperparameters are learned anew at each trial, but for the noise of the values.
+
+    The margin is that of the paper's code for functions.
+    """
+    told = {
         "input_noise": InputNoise((sd,)), "relearn_period": 1, "improvement_margin": _MARGIN, "min_leaf": min_leaf,
     }  # fmt: skip
+    return told if method in WITHOUT_CHOICE else {**told, "noise_variance": noise_variance}
 
 
 @dataclass(frozen=True)
@@ -103,18 +111,14 @@ class NoisyFunction(Objective):
         noisy = get_noisy_input_problem(self.problem)
         problem = noisy.problem
         space = SearchSpace.unit_cube(problem.dim)
-
-        def evaluate(x: FloatArray) -> float:
-            return float(problem(x[None])[0])
-
-        judge = noisy_judge(evaluate, space, noisy.noise_sd, _FUNCTION_EXECUTIONS, seed)
+        judge = noisy_judge(problem, space, noisy.noise_sd, _FUNCTION_EXECUTIONS, seed)
         yield Evaluator(space, problem, judge)
 
     def told(self, method: str, seed: int) -> dict[str, Any]:
-        """Noise and leaf size."""
-        del method, seed
+        """Noise of the inputs and of the values, and leaf size."""
+        del seed
         noisy = get_noisy_input_problem(self.problem)
-        return _told(noisy.noise_sd, noisy.min_leaf)
+        return _told(method, noisy.noise_sd, noisy.min_leaf, _FUNCTION_NOISE)
 
 
 @dataclass(frozen=True)
@@ -186,13 +190,13 @@ class NoisyGrasp(Objective):
         """Load the object and its hand; those of the last objective are kept."""
         self.check()
         space, evaluate = _grasps(self)
-        judge = noisy_judge(evaluate, space, self.input_sd, self.executions, seed)
-        yield Evaluator(space, pointwise(evaluate), judge)
+        function = pointwise(evaluate)
+        yield Evaluator(space, function, noisy_judge(function, space, self.input_sd, self.executions, seed))
 
     def told(self, method: str, seed: int) -> dict[str, Any]:
-        """Noise and leaf size."""
-        del method, seed
-        return _told(self.input_sd, _GRASP_MIN_LEAF)
+        """Noise of the inputs and of the values, and leaf size."""
+        del seed
+        return _told(method, self.input_sd, _GRASP_MIN_LEAF, _GRASP_NOISE)
 
 
 @lru_cache(maxsize=8)

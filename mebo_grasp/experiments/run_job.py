@@ -284,3 +284,16 @@ def read_space(path: Path, dim: int) -> tuple[tuple[str, ...], FloatArray]:
     return tuple(space.get("names", ())), np.array(
         space.get("distance_weights", np.ones(dim)), dtype=np.float64
     )
+
+
+def read_first_split(path: Path) -> int | None:
+    """After how many values the tree of a treed surrogate had more than one leaf; None if it never had, or no tree.
+
+    Raises:
+        RunLogError: the file is no run log.
+    """
+    for record in RunLog.load(path):
+        surrogate = record.get("method", {}).get("surrogate", {}) if record["kind"] == "ask" else {}
+        if len(surrogate.get("leaves", ())) > 1:
+            return int(surrogate["n_grown"])
+    return None

@@ -18,9 +18,12 @@ from mebo_grasp.experiments import set_metrics
 from mebo_grasp.experiments.grasp_objective import GraspObjective
 from mebo_grasp.experiments.job import Job
 from mebo_grasp.experiments.objective import Trace
+from mebo_grasp.experiments.peers import PEER_NAMES
+from mebo_grasp.experiments.protocol import settings_of
 from mebo_grasp.experiments.recommendation import read_recommendations
-from mebo_grasp.experiments.run_job import read_space, read_trace
+from mebo_grasp.experiments.run_job import read_first_split, read_space, read_trace
 from mebo_grasp.grasp import FloatArray
+from mebo_grasp.optimization.methods.base import TREED_GP
 
 RETENTION_RADII_MM = (20, 40, 60)
 """Of the ball about the best grasp that is blocked."""
@@ -38,6 +41,7 @@ class Run:
         trace: what it evaluated and returned.
         names: of the space's dimensions.
         weights: of the dimensions in distances, shape (d,); 1 each if None.
+        first_split: after how many values a treed surrogate divided the space; None without a tree.
     """
 
     job: Job
@@ -45,6 +49,7 @@ class Run:
     trace: Trace
     names: tuple[str, ...] = ()
     weights: FloatArray | None = None
+    first_split: int | None = None
 
     @classmethod
     def load(cls, job: Job, result: dict[str, Any], out: Path) -> Run:
@@ -57,7 +62,9 @@ class Run:
         solutions = np.array(result["solutions"], dtype=np.float64).reshape(-1, X.shape[1])
         trace = Trace(X, y, batches, solutions, read_recommendations(job.log_path(out)))
         names, weights = read_space(job.log_path(out), X.shape[1])
-        return cls(job, result, trace, names, weights)
+        treed = job.method not in PEER_NAMES and settings_of(job)[1].surrogate == TREED_GP
+        first_split = read_first_split(job.log_path(out)) if treed else None
+        return cls(job, result, trace, names, weights, first_split)
 
     @property
     def solution_values(self) -> FloatArray:

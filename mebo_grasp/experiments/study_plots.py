@@ -1,6 +1,7 @@
 """Pictures of an experiment: best values over evaluations, and what comes of the recommended point.
 
 The former are the thesis's figures 7.3 to 7.5 and the UBO paper's 4 and 8, the latter the UBO paper's 5, 6 and 9 to 12.
+A dashed line marks where treed surrogates divide the space for the first time, as in the paper.
 """
 
 from __future__ import annotations
@@ -104,8 +105,21 @@ def plot_best_values(runs: Sequence[Run], group: str, path: Path) -> None:
         axes = figure.add_subplot(rows, columns, index + 1)
         picked = [run for run in runs if run.job.objective == objective]
         _draw(axes, picked, methods)
+        mark_first_split(axes, picked)
         axes.set_title(objective.column, fontsize=9)
     _finish(figure, group, path)
+
+
+def mark_first_split(axes: Any, runs: Sequence[Run]) -> None:
+    """Draw a dashed line at the earliest first split of the runs with a treed surrogate, if there are any.
+
+    Args:
+        axes: of evaluations.
+        runs: finished runs.
+    """
+    splits = [run.first_split for run in runs if run.first_split is not None]
+    if splits:
+        axes.axvline(min(splits), color="C3", ls="--", lw=0.9)
 
 
 def _finish(figure: Any, group: str, path: Path) -> None:

@@ -11,11 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped
 from mebo_grasp_interfaces.msg import ExplorationStatus, GraspQuality
 from rclpy.node import Node
-from rclpy.publisher import Publisher
-from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from mebo_grasp.errors import MeboGraspError, RunLogError
@@ -25,13 +22,13 @@ from mebo_grasp.nodes.clock import StampSource, random_offset
 from mebo_grasp.nodes.dispatcher import Assignment, Dispatcher, DispatchSettings
 from mebo_grasp.nodes.exploration_plan import make_plan
 from mebo_grasp.nodes.exploration_report import Pace, diagnostics_msg, status_msg
+from mebo_grasp.nodes.hand_links import HandLinks
 from mebo_grasp.nodes.optimizer_worker import Event, OptimizerWorker, state_of
 from mebo_grasp.nodes.parameters import declare
 from mebo_grasp.nodes.runtime import STEADY_CLOCK, guarded, guarded_trigger, run_node
 from mebo_grasp.nodes.settings import OptimizerNodeSettings
 from mebo_grasp.optimization.optimizer import Trial
-from msg_adapters.grasp import from_grasp_quality_msg, to_joint_state_msg
-from msg_adapters.pose import to_pose_stamped_msg
+from msg_adapters.grasp import from_grasp_quality_msg
 from msg_adapters.time import from_time_msg
 
 CHECK_PERIOD = 0.05
@@ -69,8 +66,6 @@ class OptimizerNode(Node):
         )
         self._next_stamp = StampSource(lambda: self.get_clock().now().nanoseconds, offset_ns=random_offset())
         self._dispatcher: Dispatcher[Trial] = Dispatcher(dispatch, self._next_stamp)
-        self._ready_hands: tuple[str, ...] = ()
-        self._seen_hands: set[str] = set()
         self._note_said = ""
         self._state = ExplorationStatus.EXPLORING if self._settings.autostart else ExplorationStatus.IDLE
         self._wake = self.create_guard_condition(self._on_worker_event)
@@ -93,16 +88,7 @@ class OptimizerNode(Node):
             self.get_logger().info(f"resumed {self._settings.run_log}: {self._progress.told} trials are told")
 
     def _advertise(self) -> None:
-        prefixes = {hand: f"{hand}/" if hand else "" for hand in self._settings.hands}
-        self._candidates = {
-            hand: self.create_publisher(PoseStamped, f"{prefix}candidate_pose", qos.CANDIDATES)
-            for hand, prefix in prefixes.items()
-        }
-        self._postures = {
-            hand: self.create_publisher(JointState, f"{prefix}candidate_posture", qos.CANDIDATES)
-            for hand, prefix in prefixes.items()
-            if self._plan.with_posture
-        }
+        self._hands = HandLinks(self, self._settings.hands, self._plan.object_id, self._plan.with_posture)
         self._status = self.create_publisher(ExplorationStatus, "exploration_status", qos.LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._qualities = self.create_subscription(
@@ -185,24 +171,21 @@ class OptimizerNode(Node):
     def _advance(self) -> None:
         """Send what waits, order more when too little is open, and say where things stand."""
         if self._state == ExplorationStatus.EXPLORING:
-            for assignment in self._dispatcher.assign(time.monotonic(), self._ready_hands):
+            for assignment in self._dispatcher.assign(time.monotonic(), self._hands.ready):
                 self._send(assignment)
             self._ask_if_needed()
         self._publish_status()
 
     def _send(self, assignment: Assignment[Trial]) -> None:
-        x, stamp_ns, hand = assignment.trial.x, assignment.stamp_ns, assignment.hand
-        posture = self._plan.posture_of(x)
-        if posture is not None:
-            self._postures[hand].publish(to_joint_state_msg(posture, stamp_ns))
-        pose = self._plan.pose_space.to_pose(x)
-        self._candidates[hand].publish(to_pose_stamped_msg(stamp_ns, self._plan.object_id, pose))
+        x = assignment.trial.x
+        pose, posture = self._plan.pose_space.to_pose(x), self._plan.posture_of(x)
+        self._hands.send(assignment.hand, assignment.stamp_ns, pose, posture)
 
     def _ask_if_needed(self) -> None:
-        if self._asking or self._progress.exhausted or not self._ready_hands:
+        if self._asking or self._progress.exhausted or not self._hands.ready:
             return
         # One hand waits for its whole batch, as in the thesis; more hands than open trials never idle.
-        if self._dispatcher.open_count == 0 or self._dispatcher.open_count < len(self._ready_hands):
+        if self._dispatcher.open_count == 0 or self._dispatcher.open_count < len(self._hands.ready):
             self._asking = True
             self._worker.ask()
 
@@ -243,28 +226,14 @@ class OptimizerNode(Node):
 
     @guarded
     def _on_check(self) -> None:
-        seen = {hand for hand in self._candidates if self._sees(hand)}
-        # A hand that was seen just now may not yet see this node: what was sent to it would be lost.
-        now_ready = tuple(hand for hand in self._candidates if hand in seen & self._seen_hands)
-        self._seen_hands = seen
-        for hand in set(self._ready_hands) - set(now_ready):
+        for hand in self._hands.look(self._qualities.get_publisher_count() > 0):
             self.get_logger().warning(f"hand '{hand}' is gone; its trials wait for another")
             self._dispatcher.hand_lost(hand)
-        self._ready_hands = now_ready
         for trial in self._dispatcher.expire(time.monotonic()):
             reason = f"no answer after {self._settings.max_attempts} attempts"
             self.get_logger().warning(f"trial {trial.id} failed: {reason}")
             self._worker.tell_failed(trial.id, reason)
         self._advance()
-
-    def _sees(self, hand: str) -> bool:
-        # Who only listens to candidates, such as `ros2 topic echo`, is no hand: a hand answers as well.
-        listens = all(publisher.get_subscription_count() > 0 for publisher in self._publishers_to(hand))
-        return listens and self._qualities.get_publisher_count() > 0
-
-    def _publishers_to(self, hand: str) -> list[Publisher]:
-        """Return what a hand must listen to before it is given trials."""
-        return [topics[hand] for topics in (self._candidates, self._postures) if hand in topics]
 
     # Orders -------------------------------------------------------------------------------------------
 
@@ -337,10 +306,8 @@ class OptimizerNode(Node):
             return f"stopped: {self._trouble}; mend that, then resume"
         if self._state != ExplorationStatus.EXPLORING:
             return ""
-        if not self._ready_hands:
-            topics = [p.topic_name for hand in self._candidates for p in self._publishers_to(hand)]
-            hint = " (hand_node with expects_posture: true)" if self._postures else ""
-            return f"waiting for a hand on {', '.join(topics)}{hint}"
+        if not self._hands.ready:
+            return self._hands.what_is_missing()
         silent = self._dispatcher.silent_hands
         return f"no answer from hand {', '.join(repr(hand) for hand in silent)}" if silent else ""
 

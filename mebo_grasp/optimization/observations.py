@@ -31,6 +31,10 @@ class GrowingArray:
         return view
 
 
+LEAST_NOISE, MOST_NOISE = 1e-7, 1.0
+"""Noise variances that surrogates seek or take as known, shares of the variance of the values."""
+
+
 class Observations:
     """Points with values, points whose trial failed, and points whose trial is still open.
 

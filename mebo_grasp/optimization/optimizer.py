@@ -140,10 +140,11 @@ class Optimizer:
     def safe_incumbent(self) -> Incumbent | None:
         """The observed point with the highest expected value under input noise (UBO paper, eq. 15).
 
+        The default method takes that with the least spread of those which it cannot tell from the best one.
         None before the first value, and unless the run is safe.
         """
         outcomes = self.method.outcomes(self._observations) if self._observations.n else None
-        return None if outcomes is None else self._solution(int(np.argmax(outcomes.expected)), outcomes)
+        return None if outcomes is None else self._solution(int(np.argmax(outcomes.ranking)), outcomes)
 
     def _solution(self, index: int, outcomes: Outcomes | None) -> Incumbent:
         known = self._observations

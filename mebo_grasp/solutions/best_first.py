@@ -14,8 +14,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit, uint64
+from numba import uint64
 
+from mebo_grasp.compiling import borrowing, compiled
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.solutions.bounding_tree import LEAF, BoundingTree
 from mebo_grasp.solutions.counting import NOTHING, count_looked_at
@@ -26,12 +27,13 @@ from mebo_grasp.solutions.hand_check import (
     FREE,
     MASKED_SHAPES,
     MOST_SEGMENTS,
-    RECENT,
     Desk,
     ask_hand,
     ask_recent,
     is_masked_out,
+    make_desk,
     remember,
+    segments_of,
 )
 from mebo_grasp.solutions.pose_distance import pose_distance
 from mebo_grasp.solutions.signed_distance import Scene, distance_to, is_beyond
@@ -45,12 +47,11 @@ UNDECIDED = -2
 # still to be asked below it; of a grasp: its place in the order, the occlusions still to be asked, and where the
 # sorted run ends that it begins.
 HeapItem = tuple[Any, ...]
-Taken = list[int]
 # The heap; blocked grasps and blocked nodes, each with one occlusion that blocks it.
 Progress = tuple[list[HeapItem], list[tuple[Any, Any]], list[tuple[Any, Any]]]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def sort_leaves(tree: BoundingTree, qualities: FloatArray, stamps: IntArray) -> None:
     """Sort each leaf of the tree by quality, best first, equal ones by stamp."""
     for node in range(len(tree.left)):
@@ -67,7 +68,7 @@ def sort_leaves(tree: BoundingTree, qualities: FloatArray, stamps: IntArray) -> 
             rows[k], y[k], t[k] = row, quality, stamp
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def node_bounds(tree: BoundingTree, grasps: Grasps) -> NodeBounds:
     """Gather what holds for all grasps of each node."""
     k = len(tree.left)
@@ -90,8 +91,8 @@ def node_bounds(tree: BoundingTree, grasps: Grasps) -> NodeBounds:
     return NodeBounds(best, worst, inner, outer)
 
 
-@njit(cache=True, nogil=True)
-def _is_diverse(grasps: Grasps, row: int, taken: Taken, wanted: Wanted) -> bool:
+@borrowing
+def _is_diverse(grasps: Grasps, row: int, taken: IntArray, wanted: Wanted) -> bool:
     if wanted.min_distance <= 0.0:
         return True
     for other in taken:
@@ -108,12 +109,12 @@ def _is_diverse(grasps: Grasps, row: int, taken: Taken, wanted: Wanted) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _length(v: FloatArray) -> float:
     return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _look_at_grasp(scene: Scene, grasps: Grasps, row: int, mask: int, reach: float) -> tuple[int, int]:
     """Return a shape that blocks for sure, FREE or UNDECIDED, and the shapes that remain to be asked."""
     x, y, z = grasps.points[row, 0], grasps.points[row, 1], grasps.points[row, 2]
@@ -135,7 +136,7 @@ def _look_at_grasp(scene: Scene, grasps: Grasps, row: int, mask: int, reach: flo
     return verdict, rest
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _look_at_node(
     scene: Scene, tree: BoundingTree, bounds: NodeBounds, node: int, mask: int, reach: float
 ) -> tuple[int, int]:
@@ -163,10 +164,8 @@ def _look_at_node(
     return FREE, mask
 
 
-@njit(cache=True, nogil=True)
-def _is_near_taken(
-    tree: BoundingTree, grasps: Grasps, node: int, taken: Taken, wanted: Wanted
-) -> bool:
+@borrowing
+def _is_near_taken(tree: BoundingTree, grasps: Grasps, node: int, taken: IntArray, wanted: Wanted) -> bool:
     """Tell whether no grasp of the node can be diverse from all that are taken."""
     for other in taken:
         squared = (wanted.rotation_weight * math.pi) ** 2
@@ -178,25 +177,30 @@ def _is_near_taken(
     return False
 
 
-@njit(cache=True, nogil=True)
-def _push_run(
-    grasps: Grasps, mask: int, begin: int, end: int, wanted: Wanted, taken: Taken, heap: list[HeapItem]
-) -> None:
-    """Put a sorted run of the order on the heap, by its first grasp that may be an answer or is blocked."""
+@borrowing
+def _next_of_run(grasps: Grasps, mask: int, begin: int, end: int, wanted: Wanted, taken: IntArray) -> int:
+    """Return the first place of a sorted run of the order that may be an answer or is blocked, or its end."""
     for k in range(begin, end):
         row = grasps.order[k]
         if grasps.qualities[row] < wanted.min_quality:
-            return
-        if mask == uint64(0) and not _is_diverse(grasps, row, taken, wanted):
-            continue
-        key = -grasps.qualities[row]
-        heapq.heappush(heap, (key, GRASP, grasps.stamps[row], np.int64(k), mask, np.int64(end)))
-        return
+            return end
+        if mask != uint64(0) or _is_diverse(grasps, row, taken, wanted):
+            return k
+    return end
 
 
-@njit(cache=True, nogil=True)
+@borrowing
+def _as_item(grasps: Grasps, k: int, mask: int, end: int) -> HeapItem:
+    """Return what stands on the heap for the sorted run of the order from k to end."""
+    row = grasps.order[k]
+    return -grasps.qualities[row], GRASP, grasps.stamps[row], np.int64(k), mask, np.int64(end)
+
+
+@borrowing
 def _blocker(scene: Scene, grasps: Grasps, row: int, mask: int, wanted: Wanted, desk: Desk) -> int:
     """Return an occlusion that blocks a grasp, or FREE; the mask says which ones may."""
+    if mask == uint64(0):
+        return FREE
     if not wanted.by_hand:
         return _look_at_grasp(scene, grasps, row, mask, 0.0)[0]
     shape = ask_recent(scene, grasps, row, mask, wanted, desk)
@@ -210,7 +214,7 @@ def _blocker(scene: Scene, grasps: Grasps, row: int, mask: int, wanted: Wanted, 
     return verdict
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _open_node(
     scene: Scene,
     tree: BoundingTree,
@@ -219,7 +223,7 @@ def _open_node(
     node: int,
     mask: int,
     wanted: Wanted,
-    taken: Taken,
+    taken: IntArray,
     progress: Progress,
 ) -> None:
     """Reject a node as a whole, or put what is in it on the heap."""
@@ -228,14 +232,37 @@ def _open_node(
     if shape != FREE:
         blocked_nodes.append((np.int64(node), np.int64(shape)))
     elif tree.left[node] == LEAF:
-        _push_run(grasps, mask, tree.begin[node], tree.end[node], wanted, taken, heap)
+        end = tree.end[node]
+        k = _next_of_run(grasps, mask, tree.begin[node], end, wanted, taken)
+        if k < end:
+            heapq.heappush(heap, _as_item(grasps, k, mask, end))
     elif mask != uint64(0) or wanted.by_hand or not _is_near_taken(tree, grasps, node, taken, wanted):
         for child in range(tree.left[node], tree.left[node] + 2):
             key = -bounds.best[child]
             heapq.heappush(heap, (key, NODE, np.int64(0), np.int64(child), mask, np.int64(0)))
 
 
-@njit(cache=True, nogil=True)
+@compiled
+def _start(tree: BoundingTree, bounds: NodeBounds, grasps: Grasps, scene: Scene, wanted: Wanted) -> Progress:
+    """Return a heap with the root of the tree and the best grasp beyond it, and nothing blocked yet."""
+    zero, none, n = np.int64(0), uint64(0), len(grasps.order)
+    every = ~none if len(scene.shapes) > 0 else none
+    # Lists need a first element for the compiler to know their type.
+    heap, blocked_grasps, blocked_nodes = (
+        [(0.0, NODE, zero, zero, none, zero)],
+        [(zero, zero)],
+        [(zero, zero)],
+    )
+    heap.pop(), blocked_grasps.pop(), blocked_nodes.pop()
+    k = _next_of_run(grasps, every, len(tree.order), n, wanted, np.empty(0, np.int64))
+    if k < n:
+        heapq.heappush(heap, _as_item(grasps, k, every, n))
+    if len(tree.order) > 0:
+        heapq.heappush(heap, (-bounds.best[0], NODE, zero, zero, every, zero))
+    return heap, blocked_grasps, blocked_nodes
+
+
+@compiled
 def search(
     tree: BoundingTree, bounds: NodeBounds, grasps: Grasps, scene: Scene, wanted: Wanted
 ) -> tuple[IntArray, int, IntArray]:
@@ -251,33 +278,30 @@ def search(
     Returns:
         Rows found, best first; number of grasps looked at; number blocked by each occlusion, shape (s,).
     """
-    covered, zero, none = len(tree.order), np.int64(0), uint64(0)
-    every = ~none if len(scene.shapes) > 0 else none
-    # Lists need a first element for the compiler to know their type.
-    taken, progress = [zero], ([(0.0, NODE, zero, zero, none, zero)], [(zero, zero)], [(zero, zero)])
+    progress = _start(tree, bounds, grasps, scene, wanted)
     heap, blocked_grasps, blocked_nodes = progress
-    taken.pop(), heap.pop(), blocked_grasps.pop(), blocked_nodes.pop()
-    recent, segments = np.full((RECENT, 2), FREE), np.empty((MOST_SEGMENTS, 8))
-    desk = Desk(recent, np.empty((3, 3)), segments, np.empty(MOST_SEGMENTS))
-    _push_run(grasps, every, covered, len(grasps.order), wanted, taken, heap)
-    if covered > 0:
-        heapq.heappush(heap, (-bounds.best[0], NODE, zero, zero, every, zero))
-    while len(heap) > 0 and len(taken) < wanted.number:
+    taken, found, desk = np.empty(wanted.number, np.int64), 0, make_desk(MOST_SEGMENTS)
+    while len(heap) > 0 and found < wanted.number:
         key, kind, _, item, mask, end = heapq.heappop(heap)
         if -key < wanted.min_quality:
             break
         if kind == NODE:
-            _open_node(scene, tree, bounds, grasps, item, mask, wanted, taken, progress)
+            _open_node(scene, tree, bounds, grasps, item, mask, wanted, taken[:found], progress)
             continue
         row = grasps.order[item]
-        shape = _blocker(scene, grasps, row, mask, wanted, desk) if mask != none else FREE
+        if segments_of(grasps, row) > len(desk.hand):
+            desk = make_desk(segments_of(grasps, row))
+        shape = _blocker(scene, grasps, row, mask, wanted, desk)
         if shape != FREE:
-            blocked_grasps.append((np.int64(row), np.int64(shape)))
-        elif _is_diverse(grasps, row, taken, wanted):
-            taken.append(row)
-        _push_run(grasps, mask, item + 1, end, wanted, taken, heap)
-    last = taken[-1] if len(taken) == wanted.number else NOTHING
+            blocked_grasps.append((row, np.int64(shape)))
+        elif _is_diverse(grasps, row, taken[:found], wanted):
+            taken[found] = row
+            found += 1
+        k = _next_of_run(grasps, mask, item + 1, end, wanted, taken[:found])
+        if k < end:
+            heapq.heappush(heap, _as_item(grasps, k, mask, end))
+    last = taken[found - 1] if found == wanted.number else NOTHING
     considered, blocked = count_looked_at(
         tree, bounds, grasps, len(scene.shapes), wanted.min_quality, last, blocked_grasps, blocked_nodes
     )
-    return np.array(taken), considered, blocked
+    return taken[:found].copy(), considered, blocked

@@ -6,8 +6,8 @@ import math
 from enum import StrEnum
 
 import numpy as np
-from numba import njit
 
+from mebo_grasp.compiling import borrowing, borrowing_inlined, compiled
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.solutions.hand_volume import UNIT, PackedVolume
 from mebo_grasp.solutions.signed_distance import (
@@ -39,7 +39,7 @@ APPROACH = -1
 """Number of the segment along which the TCP arrives; the others are those of the capsules."""
 
 
-@njit(cache=True, nogil=True)
+@borrowing_inlined
 def place_segment(
     R: FloatArray,
     position: FloatArray,
@@ -74,7 +74,7 @@ def place_segment(
     placed[7] = radius
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _at(shapes: FloatArray, shape: int, hand: FloatArray, k: int, t: float) -> float:
     """Return the distance of a primitive from the point of segment k at t in [-1, 1]."""
     x = hand[k, 0] + t * hand[k, 3]
@@ -83,7 +83,7 @@ def _at(shapes: FloatArray, shape: int, hand: FloatArray, k: int, t: float) -> f
     return float(primitive_distance(shapes, shape, x, y, z))
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _segment_meets_convex(shapes: FloatArray, shape: int, hand: FloatArray, k: int) -> bool:
     """Find the least distance along the segment by golden sections: it is a convex function of t."""
     half, radius = hand[k, 6], hand[k, 7]
@@ -111,7 +111,7 @@ def _segment_meets_convex(shapes: FloatArray, shape: int, hand: FloatArray, k: i
     return True
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _segment_meets_mesh(scene: Scene, shape: int, hand: FloatArray, k: int) -> bool:
     """Halve the segment wherever it may be in reach, down to ``MESH_RESOLUTION``."""
     half, radius = hand[k, 6], hand[k, 7]
@@ -138,7 +138,7 @@ def _segment_meets_mesh(scene: Scene, shape: int, hand: FloatArray, k: int) -> b
 
 
 # Inlined by numba itself, for the reason that ``distance_to`` is.
-@njit(cache=True, nogil=True, inline="always")
+@borrowing_inlined
 def segment_meets(shapes: FloatArray, scene: Scene, shape: int, hand: FloatArray, k: int) -> bool:
     """Tell whether a segment of a hand meets an occlusion.
 

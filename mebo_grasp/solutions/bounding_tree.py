@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from mebo_grasp.compiling import borrowing, compiled
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.solutions.diversity import IntArray
 
@@ -38,7 +38,7 @@ class BoundingTree(NamedTuple):
     high: FloatArray
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _select(boxes: FloatArray, order: IntArray, axis: int, middle: int) -> None:
     """Reorder boxes so that none before ``middle`` lies behind one after it along an axis."""
     low, high = 0, len(order) - 1
@@ -64,7 +64,7 @@ def _select(boxes: FloatArray, order: IntArray, axis: int, middle: int) -> None:
             return
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _fit(boxes: FloatArray, node_low: FloatArray, node_high: FloatArray) -> int:
     """Set the bounds of a node around its boxes; return the node's widest axis."""
     node_low[:], node_high[:] = np.inf, -np.inf
@@ -79,7 +79,7 @@ def _fit(boxes: FloatArray, node_low: FloatArray, node_high: FloatArray) -> int:
     return widest
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def build_tree(low: FloatArray, high: FloatArray, leaf_size: int) -> BoundingTree:
     """Build the tree over n boxes; points are boxes of no size.
 

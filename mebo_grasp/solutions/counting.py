@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from mebo_grasp.compiling import borrowing, compiled
 from mebo_grasp.solutions.bounding_tree import LEAF, BoundingTree
 from mebo_grasp.solutions.diversity import IntArray
 from mebo_grasp.solutions.grasp_columns import Grasps, NodeBounds
@@ -13,7 +13,7 @@ NOTHING = -1
 """Instead of the last grasp: the search did not end with one, it looked at all."""
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _is_up_to(grasps: Grasps, row: int, last: int, least: float) -> bool:
     """Tell whether a grasp was looked at by a search that ended with the grasp ``last``."""
     quality = grasps.qualities[row]
@@ -22,7 +22,7 @@ def _is_up_to(grasps: Grasps, row: int, last: int, least: float) -> bool:
     return bool(grasps.stamps[row] <= grasps.stamps[last])
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _count_all(grasps: Grasps, last: int, least: float) -> int:
     above = equal = 0
     # Without a branch, so that the compiler takes several at a time.
@@ -36,7 +36,7 @@ def _count_all(grasps: Grasps, last: int, least: float) -> int:
     return above
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _count_node(
     tree: BoundingTree, bounds: NodeBounds, grasps: Grasps, root: int, last: int, least: float
 ) -> int:
@@ -60,7 +60,7 @@ def _count_node(
     return total
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def count_looked_at(
     tree: BoundingTree,
     bounds: NodeBounds,

@@ -6,8 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, uint64
+from numba import uint64
 
+from mebo_grasp.compiling import borrowing, compiled
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.solutions.blocking import APPROACH, place_segment, segment_meets
 from mebo_grasp.solutions.diversity import IntArray
@@ -22,7 +23,7 @@ BALL = -2
 RECENT = 6
 """Pairs of occlusion and segment that blocked a grasp of late: they are likely to block the next good one."""
 MOST_SEGMENTS = 64
-"""Segments of a hand for which there is room on the desk; for larger hands room is made each time."""
+"""Segments for which a desk has room at first: the approach and those of a hand of 63 capsules."""
 
 
 class Desk(NamedTuple):
@@ -32,8 +33,8 @@ class Desk(NamedTuple):
         recent: occlusion and segment of the last blockings, newest first; unused ones are ``FREE``;
             shape (RECENT, 2).
         R: rotation of the TCP, shape (3, 3).
-        hand: placed segments, shape (MOST_SEGMENTS, 8).
-        reaches: how far each segment reaches from the hand's middle, shape (MOST_SEGMENTS,), metres.
+        hand: placed segments, shape (room, 8).
+        reaches: how far each segment reaches from the hand's middle, shape (room,), metres.
     """
 
     recent: IntArray
@@ -42,13 +43,25 @@ class Desk(NamedTuple):
     reaches: FloatArray
 
 
-@njit(cache=True, nogil=True)
+@compiled
+def make_desk(room: int) -> Desk:
+    """Return an empty desk with room for a number of segments, that of the approach among them."""
+    return Desk(np.full((RECENT, 2), FREE), np.empty((3, 3)), np.empty((room, 8)), np.empty(room))
+
+
+@borrowing
+def segments_of(grasps: Grasps, row: int) -> int:
+    """Return how many segments the hand of a grasp has, its approach among them."""
+    return grasps.first_capsule[row + 1] - grasps.first_capsule[row] + 1
+
+
+@borrowing
 def is_masked_out(mask: int, shape: int) -> bool:
     """Tell whether a mask says that an occlusion is out of reach."""
     return shape < MASKED_SHAPES and (mask >> uint64(shape)) & uint64(1) == uint64(0)
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def remember(desk: Desk, shape: int, segment: int) -> None:
     """Note at the first place which occlusion blocked a grasp, and with which segment."""
     recent, place = desk.recent, 0
@@ -59,7 +72,7 @@ def remember(desk: Desk, shape: int, segment: int) -> None:
     recent[0, 0], recent[0, 1] = shape, segment
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def ask_recent(scene: Scene, grasps: Grasps, row: int, mask: int, wanted: Wanted, desk: Desk) -> int:
     """Return an occlusion that blocked of late and blocks this grasp with the same segment, or FREE.
 
@@ -94,14 +107,13 @@ def ask_recent(scene: Scene, grasps: Grasps, row: int, mask: int, wanted: Wanted
     return FREE
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def ask_hand(scene: Scene, grasps: Grasps, row: int, mask: int, wanted: Wanted, desk: Desk) -> int:
     """Return an occlusion that meets the hand or its approach, or FREE; arguments as of ``ask_recent``."""
     capsules = grasps.capsules[grasps.first_capsule[row] : grasps.first_capsule[row + 1]]
     m, approach = len(capsules), wanted.approach
     has_approach = approach[0] != 0.0 or approach[1] != 0.0 or approach[2] != 0.0
-    hand = desk.hand if m < MOST_SEGMENTS else np.empty((m + 1, 8))
-    reaches = desk.reaches if m < MOST_SEGMENTS else np.empty(m + 1)
+    hand, reaches = desk.hand, desk.reaches
     shapes, R, position, outer = scene.shapes, desk.R, grasps.positions[row], grasps.outer[row]
     x, y, z = grasps.points[row, 0], grasps.points[row, 1], grasps.points[row, 2]
     write_rotation(grasps.quaternions[row], R)

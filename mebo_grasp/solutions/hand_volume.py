@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from mebo_grasp.compiling import compiled
 from mebo_grasp.errors import InvalidHandError
 from mebo_grasp.grasp import FloatArray, Grasp
 from mebo_grasp.solutions.diversity import IntArray
@@ -114,7 +114,7 @@ def bounding_balls(
     return centers, inner, outer
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _to_object_frame(positions: FloatArray, quaternions: FloatArray, points: FloatArray) -> None:
     """Move points, one in each TCP's frame, into the object's."""
     R = np.empty((3, 3))
@@ -125,7 +125,7 @@ def _to_object_frame(positions: FloatArray, quaternions: FloatArray, points: Flo
             points[i, axis] = positions[i, axis] + R[axis, 0] * x + R[axis, 1] * y + R[axis, 2] * z
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _balls_in_tcp_frame(
     first_capsule: IntArray,
     capsules: PackedVolume,

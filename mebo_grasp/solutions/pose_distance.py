@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from mebo_grasp.compiling import borrowing, compiled
 from mebo_grasp.grasp import FloatArray
 
 _STEPS = 32
@@ -21,7 +21,7 @@ _REFINEMENTS = 34
 """Golden sections of a piece: its width shrinks by 1e-7."""
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _squared_plain(p_a: FloatArray, q_a: FloatArray, p_b: FloatArray, q_b: FloatArray, w: float) -> float:
     squared = (p_a[0] - p_b[0]) ** 2 + (p_a[1] - p_b[1]) ** 2 + (p_a[2] - p_b[2]) ** 2
     if w > 0.0:
@@ -35,7 +35,7 @@ def _squared_plain(p_a: FloatArray, q_a: FloatArray, p_b: FloatArray, q_b: Float
     return float(squared)
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _along_turned(q_a: FloatArray, v: FloatArray, q_b: FloatArray) -> float:
     """Return the scalar product of q_a with the product of the pure quaternion v and q_b."""
     x, y, z, w = q_b[0], q_b[1], q_b[2], q_b[3]
@@ -47,7 +47,7 @@ def _along_turned(q_a: FloatArray, v: FloatArray, q_b: FloatArray) -> float:
     )
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _squared_turned(turn: tuple[float, ...], phi: float) -> float:
     """Return the squared distance when b is turned by phi."""
     still, swing, best_swing, weight, apart, together, best_turn = turn
@@ -57,7 +57,7 @@ def _squared_turned(turn: tuple[float, ...], phi: float) -> float:
     return still - 2.0 * swing * math.cos(phi - best_swing) + (weight * 2.0 * math.atan2(sine, cosine)) ** 2
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _turning(
     p_a: FloatArray, q_a: FloatArray, p_b: FloatArray, q_b: FloatArray, w: float, u: FloatArray
 ) -> tuple[float, ...]:
@@ -96,7 +96,7 @@ def _turning(
     )
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _refine(turn: tuple[float, ...], low: float, high: float) -> float:
     """Return the least squared distance between two turns by golden sections."""
     phi_1, phi_2 = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
@@ -113,7 +113,7 @@ def _refine(turn: tuple[float, ...], low: float, high: float) -> float:
     return float(min(f_1, f_2))
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _squared_symmetric(
     p_a: FloatArray, q_a: FloatArray, p_b: FloatArray, q_b: FloatArray, w: float, u: FloatArray
 ) -> float:
@@ -138,7 +138,7 @@ def _squared_symmetric(
     return max(best, 0.0)
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def pose_distance(
     p_a: FloatArray, q_a: FloatArray, p_b: FloatArray, q_b: FloatArray, w: float, u: FloatArray
 ) -> float:
@@ -157,7 +157,7 @@ def pose_distance(
     return math.sqrt(_squared_symmetric(p_a, q_a, p_b, q_b, w, u))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def distances_to_many(
     p_a: FloatArray, q_a: FloatArray, positions: FloatArray, quaternions: FloatArray, w: float, u: FloatArray
 ) -> FloatArray:
@@ -168,7 +168,7 @@ def distances_to_many(
     return distances
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def distance_table(positions: FloatArray, quaternions: FloatArray, w: float, u: FloatArray) -> FloatArray:
     """Return all mutual distances of n poses, shape (n, n), metres."""
     n = len(positions)

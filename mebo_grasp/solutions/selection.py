@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from sklearn.cluster import KMeans
 
+from mebo_grasp.compiling import compiled
 from mebo_grasp.errors import InvalidQueryError
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.quality_diversity import LARGEST_NUMBER_OF_SETS, best_combination, best_first, best_subset
@@ -56,7 +56,7 @@ def select_exact(
     return order[chosen]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _branch_and_bound(is_diverse: FloatArray, y: FloatArray, size: int) -> IntArray:
     """Return the best set; y is sorted, best first."""
     n = len(y)
@@ -87,7 +87,7 @@ def _branch_and_bound(is_diverse: FloatArray, y: FloatArray, size: int) -> IntAr
         candidate = taken[depth] + 1
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _greatest_rest(y: FloatArray, blockers: IntArray, first: int, number: int) -> float:
     """Return the sum of the best solutions that are not blocked, whether or not they go together."""
     total = 0.0

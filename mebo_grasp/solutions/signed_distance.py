@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from mebo_grasp.compiling import borrowing, borrowing_inlined, compiled
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.solutions.bounding_tree import LEAF, BoundingTree
 
@@ -50,7 +50,7 @@ _SIZE, _ROTATION, _ORIGIN, _MARGIN, _REACH, _FIRST_TRIANGLE, _ROOT = 1, 4, 13, 1
 COLUMNS = 20
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def rotation_matrix(q: FloatArray) -> FloatArray:
     """Return the matrix of a unit quaternion xyzw, shape (3, 3)."""
     R = np.empty((3, 3))
@@ -58,7 +58,7 @@ def rotation_matrix(q: FloatArray) -> FloatArray:
     return R
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def write_rotation(q: FloatArray, R: FloatArray) -> None:
     """Write the matrix of a unit quaternion xyzw into ``R``, shape (3, 3)."""
     x, y, z, w = q[0], q[1], q[2], q[3]
@@ -67,21 +67,21 @@ def write_rotation(q: FloatArray, R: FloatArray) -> None:
     R[2, 0], R[2, 1], R[2, 2] = 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _box(half_x: float, half_y: float, half_z: float, x: float, y: float, z: float) -> float:
     dx, dy, dz = abs(x) - half_x, abs(y) - half_y, abs(z) - half_z
     ox, oy, oz = max(dx, 0.0), max(dy, 0.0), max(dz, 0.0)
     return math.sqrt(ox * ox + oy * oy + oz * oz) + min(max(dx, max(dy, dz)), 0.0)
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _cylinder(half_height: float, radius: float, x: float, y: float, z: float) -> float:
     dr, dz = math.sqrt(x * x + y * y) - radius, abs(z) - half_height
     outside_r, outside_z = max(dr, 0.0), max(dz, 0.0)
     return math.sqrt(outside_r * outside_r + outside_z * outside_z) + min(max(dr, dz), 0.0)
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _cone(half_height: float, radius: float, x: float, y: float, z: float) -> float:
     # In the half-plane of distance r from the axis the cone is a triangle; its edge on the axis is inside.
     r, h = math.sqrt(x * x + y * y), 2.0 * half_height
@@ -95,27 +95,27 @@ def _cone(half_height: float, radius: float, x: float, y: float, z: float) -> fl
     return -distance if is_inside else distance
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _minus(a: Triple, b: Triple) -> Triple:
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _dot(a: Triple, b: Triple) -> float:
     return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _cross(a: Triple, b: Triple) -> Triple:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _corner(triangles: FloatArray, face: int, corner: int) -> Triple:
     return triangles[face, corner, 0], triangles[face, corner, 1], triangles[face, corner, 2]
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _squared_to_segment(p: Triple, a: Triple, b: Triple) -> float:
     ab, ap = _minus(b, a), _minus(p, a)
     length = _dot(ab, ab)
@@ -124,7 +124,7 @@ def _squared_to_segment(p: Triple, a: Triple, b: Triple) -> float:
     return float(_dot(rest, rest))
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _squared_to_triangle(p: Triple, triangles: FloatArray, face: int) -> float:
     a, b, c = _corner(triangles, face, 0), _corner(triangles, face, 1), _corner(triangles, face, 2)
     ab, ac, ap = _minus(b, a), _minus(c, a), _minus(p, a)
@@ -141,7 +141,7 @@ def _squared_to_triangle(p: Triple, triangles: FloatArray, face: int) -> float:
     return float(to_edges)
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _squared_to_node(p: Triple, low: FloatArray, high: FloatArray, node: int) -> float:
     total = 0.0
     for axis in range(3):
@@ -150,7 +150,7 @@ def _squared_to_node(p: Triple, low: FloatArray, high: FloatArray, node: int) ->
     return total
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _mesh_surface(scene: Scene, shape: int, p: Triple) -> float:
     """Return the distance to the nearest triangle."""
     tree, first = scene.tree, int(scene.shapes[shape, _FIRST_TRIANGLE])
@@ -175,7 +175,7 @@ def _mesh_surface(scene: Scene, shape: int, p: Triple) -> float:
     return math.sqrt(best)
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _ray_meets_node(p: Triple, low: FloatArray, high: FloatArray, node: int) -> bool:
     enter, leave = 0.0, np.inf
     for axis in range(3):
@@ -184,7 +184,7 @@ def _ray_meets_node(p: Triple, low: FloatArray, high: FloatArray, node: int) -> 
     return enter <= leave
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _ray_meets_triangle(p: Triple, triangles: FloatArray, face: int) -> bool:
     corner = _corner(triangles, face, 0)
     edge_1 = _minus(_corner(triangles, face, 1), corner)
@@ -199,7 +199,7 @@ def _ray_meets_triangle(p: Triple, triangles: FloatArray, face: int) -> bool:
     return bool(u >= 0.0 and v >= 0.0 and u + v <= 1.0 and _dot(edge_2, turned) / determinant > 0.0)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _is_inside_mesh(scene: Scene, shape: int, p: Triple) -> bool:
     """Tell by the number of faces that a ray from the point passes."""
     tree, first = scene.tree, int(scene.shapes[shape, _FIRST_TRIANGLE])
@@ -220,7 +220,7 @@ def _is_inside_mesh(scene: Scene, shape: int, p: Triple) -> bool:
     return passed % 2 == 1
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _mesh(scene: Scene, shape: int, x: float, y: float, z: float) -> float:
     p = _to_shape_frame(scene.shapes, shape, x, y, z)
     distance = float(_mesh_surface(scene, shape, p))
@@ -229,7 +229,7 @@ def _mesh(scene: Scene, shape: int, x: float, y: float, z: float) -> float:
     return distance
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _to_shape_frame(shapes: FloatArray, shape: int, x: float, y: float, z: float) -> Triple:
     dx = x - shapes[shape, _ORIGIN]
     dy = y - shapes[shape, _ORIGIN + 1]
@@ -242,7 +242,7 @@ def _to_shape_frame(shapes: FloatArray, shape: int, x: float, y: float, z: float
     )
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _primitive(shapes: FloatArray, shape: int, x: float, y: float, z: float) -> float:
     x, y, z = _to_shape_frame(shapes, shape, x, y, z)
     kind, size = shapes[shape, 0], shapes[shape, _SIZE]
@@ -255,19 +255,19 @@ def _primitive(shapes: FloatArray, shape: int, x: float, y: float, z: float) -> 
     return float(_cone(size, shapes[shape, _SIZE + 1], x, y, z))
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def primitive_distance(shapes: FloatArray, shape: int, x: float, y: float, z: float) -> float:
     """Return the signed distance from a point of the object's frame to a thickened primitive, metres."""
     return float(_primitive(shapes, shape, x, y, z) - shapes[shape, _MARGIN])
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def mesh_distance(scene: Scene, shape: int, x: float, y: float, z: float) -> float:
     """Return the signed distance from a point of the object's frame to a thickened mesh, metres."""
     return float(_mesh(scene, shape, x, y, z) - scene.shapes[shape, _MARGIN])
 
 
-@njit(cache=True, nogil=True, inline="always")
+@borrowing_inlined
 def is_beyond(shapes: FloatArray, shape: int, x: float, y: float, z: float, radius: float) -> bool:
     """Tell quickly that a ball about a point is clear of an occlusion; False where it may meet it.
 
@@ -288,7 +288,7 @@ def is_beyond(shapes: FloatArray, shape: int, x: float, y: float, z: float, radi
 
 # Inlined by numba itself, with the array of shapes beside the scene that holds it: to take the array out of
 # the scene, or to hand a scene to a function, takes longer than a distance.
-@njit(cache=True, nogil=True, inline="always")
+@borrowing_inlined
 def distance_to(shapes: FloatArray, scene: Scene, shape: int, x: float, y: float, z: float) -> float:
     """Return the signed distance from a point of the object's frame to a thickened occlusion, metres.
 
@@ -307,7 +307,7 @@ def distance_to(shapes: FloatArray, scene: Scene, shape: int, x: float, y: float
     return distance
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def distances_to(scene: Scene, shape: int, points: FloatArray) -> npt.NDArray[np.float64]:
     """Return the signed distances from points of the object's frame, shape (n, 3), to one occlusion."""
     shapes, distances = scene.shapes, np.empty(len(points))

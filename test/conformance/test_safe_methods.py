@@ -73,7 +73,9 @@ def test_solutions_are_ranked_by_what_is_expected_and_a_killed_run_resumes(name,
     assert best is not None
     if name != "cl_mebo":  # Its set is the most diverse one, in the order of its clusters.
         assert expected[0] == pytest.approx(best.expected)
-        assert expected == sorted(expected, reverse=True)
+        # The first may be the safest of those that the default method cannot tell apart.
+        rest = expected[1:] if name == "basin_search" else expected
+        assert rest == sorted(rest, reverse=True)
     assert all(s.worst <= s.expected + 1e-9 and s.sd >= 0.0 for s in found)
 
 
@@ -131,6 +133,8 @@ def test_every_method_takes_a_treed_surrogate(name, tmp_path):
         ({"particles": 0}, "particles"),
         ({"tree_weight_power": -1.0}, "tree_weight_power"),
         ({"improvement_margin": float("nan")}, "improvement_margin"),
+        ({"noise_variance": 0.0}, "noise_variance must lie between 1e-07 and 1"),
+        ({"noise_variance": 1e-4, "kernel": "evidence"}, "leave noise_variance unset"),
     ],
 )
 def test_bad_settings_are_refused(kwargs, word):

@@ -114,3 +114,26 @@ def test_every_other_method_takes_a_choice():
     for name in takers:
         method: Any = make_method(name, space_of(2), settings)
         assert method.surrogate._kernel.name == "additive_matern52"
+
+
+@pytest.mark.parametrize(
+    "choice",
+    [
+        {},
+        {"learning": "mcmc"},
+        {"surrogate": "treed_gp", "min_leaf": 8},
+        {"warp": "kumaraswamy", "learning": "mcmc"},
+    ],
+)
+def test_a_known_noise_is_not_learned_however_noisy_the_values_are(choice):
+    rng = np.random.default_rng(0)
+    known = Observations(2)
+    for u in np.repeat(rng.random((12, 2)), 2, axis=0):
+        known.add(u, float(u[0] + rng.standard_normal()))
+    noise = {}
+    for variance in (None, 1e-4):
+        surrogate = make_surrogate(2, MethodSettings(noise_variance=variance, **choice))
+        posterior = surrogate.update(known, np.random.default_rng(1))
+        noise[variance] = posterior.noise_sd / posterior.scale
+    assert noise[1e-4] == pytest.approx(1e-2)
+    assert noise[None] > 0.1

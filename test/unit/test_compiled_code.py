@@ -56,7 +56,7 @@ def test_the_cache_stays_while_nothing_changes(tmp_path: Path) -> None:
 
 def test_every_folder_with_compiled_code_has_the_guard() -> None:
     package = Path(__file__).parents[2] / "mebo_grasp"
-    kept = re.compile(r"@njit\(.*cache=True")
+    kept = re.compile(r"@njit\(.*cache=True|^@(compiled|borrowing)", re.MULTILINE)
     compiled = {path.parent for path in package.rglob("*.py") if kept.search(path.read_text(encoding="utf-8"))}
     assert len(compiled) >= 3
     unguarded = [

@@ -15,7 +15,8 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("mebo_grasp", "msg_adapters")
 
 GROUND = (
-    "mebo_grasp.grasp", "mebo_grasp.errors", "mebo_grasp.compiled_code", "mebo_grasp.quality_diversity",
+    "mebo_grasp.grasp", "mebo_grasp.errors", "mebo_grasp.compiled_code", "mebo_grasp.compiling",
+    "mebo_grasp.quality_diversity",
 )  # fmt: skip
 OPTIMIZATION = "mebo_grasp.optimization"
 LEAVES = tuple(f"{OPTIMIZATION}.{name}" for name in ("search_space", "initial_design", "observations"))
@@ -69,9 +70,10 @@ SOLUTION_VALUES = (
 ROOMS = (
     Room("mebo_grasp", ("mebo_grasp.compiled_code",), closed=True),
     Room("mebo_grasp.compiled_code", ()),
+    Room("mebo_grasp.compiling", ()),
     Room("mebo_grasp.errors", ()),
     Room("mebo_grasp.grasp", ("mebo_grasp.errors",)),
-    Room("mebo_grasp.quality_diversity", ("mebo_grasp.grasp",)),
+    Room("mebo_grasp.quality_diversity", ("mebo_grasp.compiling", "mebo_grasp.grasp")),
     Room(OPTIMIZATION, GROUND, closed=True),
     *_layers(),
     Room("mebo_grasp.grasping", GROUND, (BULLET,)),

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from mebo_grasp.errors import InvalidSettingsError, RunLogError
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.input_noise import InputNoise
-from mebo_grasp.optimization.observations import Observations
+from mebo_grasp.optimization.observations import LEAST_NOISE, MOST_NOISE, Observations
 
 IndexArray = npt.NDArray[np.int64]
 
@@ -57,6 +57,8 @@ class MethodSettings:
             which always goes by evidence; so ``warp`` and ``learning``.
         warp: learned monotone map of each input before the kernel, of ``WARP_NAMES``.
         learning: how the hyperparameters are learned, of ``LEARNING_NAMES``.
+        noise_variance: of the values, as a share of their variance, where it is known; None to learn it. For every
+            method whose kernel the settings name.
         safe: choose trials and solutions by what they are expected to yield under ``input_noise`` (``ubo`` always
             does). For every method with a surrogate.
         input_noise: how far a trial may miss its point.
@@ -88,6 +90,7 @@ class MethodSettings:
     kernel: str = "matern52"
     warp: str = "none"
     learning: str = "empirical_bayes"
+    noise_variance: float | None = None
     safe: bool = False
     input_noise: InputNoise = field(default_factory=lambda: InputNoise((DEFAULT_INPUT_SD,)))
     surrogate: str = GP
@@ -128,6 +131,17 @@ class MethodSettings:
             raise InvalidSettingsError(
                 f"kernel {EVIDENCE} chooses the warp itself and learns by {LEARNING_NAMES[0]}, got warp "
                 f"{self.warp!r} and learning {self.learning!r}: leave these at their defaults or name a kernel"
+            )
+        if self.noise_variance is None:
+            return
+        if not LEAST_NOISE <= self.noise_variance <= MOST_NOISE:
+            raise InvalidSettingsError(
+                f"noise_variance must lie between {LEAST_NOISE:g} and {MOST_NOISE:g}, or be unset to learn it, got "
+                f"{self.noise_variance}"
+            )
+        if self.kernel == EVIDENCE:
+            raise InvalidSettingsError(
+                f"kernel {EVIDENCE} learns the noise itself: leave noise_variance unset or name a kernel"
             )
 
     def _check_tree(self) -> None:
@@ -182,11 +196,14 @@ class Outcomes:
         expected: expected value, shape (n,), units of y.
         sd: its standard deviation over executions, shape (n,).
         worst: worst value at the sigma points, shape (n,).
+        ranking: by what solutions are ranked, shape (n,), a larger one first: the expected value, but for what a
+            method cannot tell apart.
     """
 
     expected: FloatArray
     sd: FloatArray
     worst: FloatArray
+    ranking: FloatArray
 
 
 class Method(Protocol):

@@ -60,12 +60,13 @@ class MethodBase:
         if self.transform is None:
             return None
         predict_mean = self.predictor(observations)
-        return Outcomes(*unscented_outcomes(predict_mean, observations.U, self.transform))
+        expected, sd, worst = unscented_outcomes(predict_mean, observations.U, self.transform)
+        return Outcomes(expected, sd, worst, expected)
 
     def ranking(self, observations: Observations) -> FloatArray:
         """By what solutions are ranked, shape (n,): expected value under input noise if that counts, else value."""
         outcomes = self.outcomes(observations)
-        return observations.y if outcomes is None else outcomes.expected
+        return observations.y if outcomes is None else outcomes.ranking
 
     def metric(self, min_distance: float | None = None) -> tuple[FloatArray, float]:
         """How different two points are, and when they count as different solutions.

@@ -67,7 +67,7 @@ def check_method(name: str, settings: MethodSettings) -> None:
     if name not in WITHOUT_CHOICE:
         return
     usual = MethodSettings()
-    for choice in ("kernel", "warp", "learning", "surrogate"):
+    for choice in ("kernel", "warp", "learning", "surrogate", "noise_variance"):
         if getattr(settings, choice) != getattr(usual, choice):
             raise InvalidSettingsError(
                 f"{choice} is {getattr(settings, choice)!r}, but {name} {WITHOUT_CHOICE[name]}: "

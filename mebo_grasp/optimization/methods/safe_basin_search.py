@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from mebo_grasp.grasp import FloatArray
-from mebo_grasp.optimization.acquisition.unscented import UnscentedTransform
-from mebo_grasp.optimization.methods.base import IndexArray, MethodSettings, state_int
+from mebo_grasp.optimization.acquisition.unscented import UnscentedTransform, unscented_outcomes
+from mebo_grasp.optimization.methods.base import IndexArray, MethodSettings, Outcomes, state_int
 from mebo_grasp.optimization.methods.basin_search import BasinSearch
 from mebo_grasp.optimization.methods.common import without_repeats
 from mebo_grasp.optimization.observations import Observations
@@ -24,6 +23,10 @@ SAFE_PERIOD = 2
 NOISE_PAIRS = 16
 """Draws of the noise, each with its opposite, over which beliefs are averaged: a plateau's cliff is no quadratic."""
 
+EQUAL_SHARE = 0.02
+"""Expected values this near to the best one, in spreads of the level, are equally good: beliefs of the best grasps were
+off by 2 to 10 % of it in hundreds of executions."""
+
 
 class SafeBasinSearch(BasinSearch):
     """The default method for ``safe`` runs, under the same name."""
@@ -34,9 +37,15 @@ class SafeBasinSearch(BasinSearch):
         super().__init__(space, settings)
         self.transform = UnscentedTransform.of_draws(settings.input_noise.in_cube(space), NOISE_PAIRS)
 
-    def predictor(self, observations: Observations) -> Callable[[FloatArray], FloatArray]:
-        """The mean of the most probable belief, plateau included."""
-        return self.surrogate.belief(observations.U, observations.y).predict_mean
+    def outcomes(self, observations: Observations) -> Outcomes:
+        """What the most probable belief expects; of what is as good as the best, that with the least sd ranks first."""
+        if observations.n == 0:
+            return Outcomes(*np.empty((4, 0)))
+        assert self.transform is not None
+        belief = self.surrogate.belief(observations.U, observations.y)
+        expected, sd, worst = unscented_outcomes(belief.predict_mean, observations.U, self.transform)
+        ranking = safest_first(expected, sd, EQUAL_SHARE * level_of(belief).spread)
+        return Outcomes(expected, sd, worst, ranking)
 
     def propose(self, observations: Observations, count: int, rng: np.random.Generator) -> FloatArray:
         """Return the next points, shape (count, d)."""
@@ -82,3 +91,12 @@ class SafeBasinSearch(BasinSearch):
         """Continue from ``state``."""
         super().restore(state)
         self._turns = state_int(state, "turns")
+
+
+def safest_first(expected: FloatArray, sd: FloatArray, equal: float) -> FloatArray:
+    """The expected values, shape (n,), but highest the one with the least sd of those within ``equal`` of the best."""
+    best = float(np.max(expected))
+    safest = int(np.argmin(np.where(expected >= best - equal, sd, np.inf)))
+    ranking = expected.copy()
+    ranking[safest] = np.nextafter(best, np.inf)
+    return ranking

@@ -17,9 +17,8 @@ class EmpiricalBayesSurrogate(RelearningSurrogate[GaussianProcess]):
     """Believes the most probable hyperparameters (thesis 7.2: relearned every 5 iterations).
 
     Args:
-        dim, relearn_period, kernel: see ``RelearningSurrogate``.
+        dim, relearn_period, kernel, noise: see ``RelearningSurrogate``.
         learning: how the hyperparameters are sought.
-        noise: prior of the noise variance of standardized values; default that of a simulated trial.
 
     Raises:
         InvalidSettingsError: the period is below 1.
@@ -33,9 +32,8 @@ class EmpiricalBayesSurrogate(RelearningSurrogate[GaussianProcess]):
         learning: LearningSettings | None = None,
         noise: LogNormalPrior | None = None,
     ) -> None:
-        super().__init__(dim, relearn_period, kernel)
+        super().__init__(dim, relearn_period, kernel, noise)
         self._learning = learning or LearningSettings()
-        self._noise = noise
         self._hyperparameters = self._default
 
     @property

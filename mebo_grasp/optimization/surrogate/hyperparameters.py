@@ -10,6 +10,7 @@ from scipy.optimize import minimize
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import FloatArray
+from mebo_grasp.optimization.observations import LEAST_NOISE, MOST_NOISE
 from mebo_grasp.optimization.surrogate.gaussian_process import (
     GaussianProcess,
     Hyperparameters,
@@ -25,13 +26,14 @@ LogDensity = Callable[[FloatArray], tuple[float, FloatArray]]
 where a covariance is singular."""
 
 
-def noise_prior() -> LogNormalPrior:
-    """Prior of the noise variance of standardized values.
+def noise_prior(known: float | None = None) -> LogNormalPrior:
+    """Prior of the noise variance of standardized values; of a known one, the value itself.
 
     The simulated trials are deterministic, so small noise is expected; 2 nats of spread still let a noise
     of a tenth of the signal's standard deviation pass at a cost of 6 nats, soon outweighed by the data.
     """
-    return LogNormalPrior.repeated(1, NOISE_MEDIAN, NOISE_SD, 1e-7, 1.0)
+    prior = LogNormalPrior.repeated(1, NOISE_MEDIAN, NOISE_SD, LEAST_NOISE, MOST_NOISE)
+    return prior if known is None else prior.with_known(0, float(np.log(known)))
 
 
 @dataclass(frozen=True)

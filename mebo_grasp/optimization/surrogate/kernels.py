@@ -13,6 +13,7 @@ from functools import cache
 from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.surrogate import pairwise
@@ -49,6 +50,11 @@ class LogNormalPrior:
         mean, lower, upper = self.mean.copy(), self.lower.copy(), self.upper.copy()
         mean[index] = lower[index] = upper[index] = value
         return LogNormalPrior(mean, self.sd, lower, upper)
+
+    @property
+    def unknown(self) -> npt.NDArray[np.int64]:
+        """Indices of the parameters that are not known."""
+        return np.flatnonzero(self.lower < self.upper)
 
     @classmethod
     def repeated(cls, count: int, median: float, sd: float, lower: float, upper: float) -> LogNormalPrior:

@@ -8,7 +8,7 @@ import numpy as np
 
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess, standardize
-from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel
+from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel, LogNormalPrior
 from mebo_grasp.optimization.surrogate.mixture import MixtureProcess
 from mebo_grasp.optimization.surrogate.relearning import RelearningSurrogate
 from mebo_grasp.optimization.surrogate.slice_sampling import SamplingSettings, sample_hyperparameters
@@ -18,7 +18,7 @@ class MarginalizedSurrogate(RelearningSurrogate[MixtureProcess]):
     """Draws the hyperparameters anew every few iterations by slice sampling.
 
     Args:
-        dim, relearn_period, kernel: see ``RelearningSurrogate``.
+        dim, relearn_period, kernel, noise: see ``RelearningSurrogate``.
         sampling: how many draws, how much burn-in.
 
     Raises:
@@ -31,8 +31,9 @@ class MarginalizedSurrogate(RelearningSurrogate[MixtureProcess]):
         relearn_period: int = 5,
         kernel: Kernel = MATERN52,
         sampling: SamplingSettings | None = None,
+        noise: LogNormalPrior | None = None,
     ) -> None:
-        super().__init__(dim, relearn_period, kernel)
+        super().__init__(dim, relearn_period, kernel, noise)
         self._sampling = sampling or SamplingSettings()
         self._draws = [self._default]
 
@@ -45,7 +46,9 @@ class MarginalizedSurrogate(RelearningSurrogate[MixtureProcess]):
     def _learn(self, observations: Observations, rng: np.random.Generator) -> None:
         z, _, _ = standardize(observations.y)
         current = self._draws[-1] if self._schedule.has_learned else None
-        self._draws = sample_hyperparameters(observations.U, z, rng, self._kernel, current, self._sampling)
+        self._draws = sample_hyperparameters(
+            observations.U, z, rng, self._kernel, current, self._sampling, self._noise
+        )
 
     def _learned(self) -> dict[str, Any]:
         return {"draws": [draw.vector.tolist() for draw in self._draws]}

@@ -11,7 +11,7 @@ from mebo_grasp.errors import InvalidSettingsError, RunLogError
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.surrogate.gaussian_process import Hyperparameters
-from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel
+from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel, LogNormalPrior
 from mebo_grasp.optimization.surrogate.posterior import Posterior
 
 AnyPosterior = TypeVar("AnyPosterior", bound=Posterior)
@@ -62,13 +62,21 @@ class RelearningSurrogate(ABC, Generic[AnyPosterior]):
         dim: number of dimensions.
         relearn_period: iterations from one learning to the next.
         kernel: covariance function.
+        noise: prior of the noise variance of standardized values; default that of a simulated trial.
 
     Raises:
         InvalidSettingsError: the period is below 1.
     """
 
-    def __init__(self, dim: int, relearn_period: int = 5, kernel: Kernel = MATERN52) -> None:
+    def __init__(
+        self,
+        dim: int,
+        relearn_period: int = 5,
+        kernel: Kernel = MATERN52,
+        noise: LogNormalPrior | None = None,
+    ) -> None:
         self._kernel = kernel
+        self._noise = noise
         self._schedule = RelearningSchedule(relearn_period)
         self._default = Hyperparameters.default(dim, kernel)
 

@@ -6,12 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess, Hyperparameters
 from mebo_grasp.optimization.surrogate.hyperparameters import full_prior, subset
-from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel
+from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel, LogNormalPrior
 
 MAX_STEPS_OUT = 8
 """Widenings of an interval to each side; the prior keeps the density narrow."""
@@ -50,7 +51,12 @@ class SamplingSettings:
 
 
 def slice_sweep(
-    log_density: LogDensity, state: FloatArray, value: float, width: float, rng: np.random.Generator
+    log_density: LogDensity,
+    state: FloatArray,
+    value: float,
+    width: float,
+    rng: np.random.Generator,
+    coordinates: npt.NDArray[np.int64] | None = None,
 ) -> tuple[FloatArray, float]:
     """Update each coordinate once, in random order.
 
@@ -60,11 +66,12 @@ def slice_sweep(
         value: log density there.
         width: first interval.
         rng: source of randomness.
+        coordinates: those to be updated; all if None.
 
     Returns:
         (new state, its log density).
     """
-    for i in rng.permutation(len(state)):
+    for i in rng.permutation(np.arange(len(state)) if coordinates is None else coordinates):
         state, value = _slice_coordinate(log_density, state, value, int(i), width, rng)
     return state, value
 
@@ -114,6 +121,7 @@ def sample_hyperparameters(
     kernel: Kernel = MATERN52,
     current: Hyperparameters | None = None,
     settings: SamplingSettings | None = None,
+    noise: LogNormalPrior | None = None,
 ) -> list[Hyperparameters]:
     """Draw from the posterior of the hyperparameters, log-normal priors included.
 
@@ -124,9 +132,10 @@ def sample_hyperparameters(
         kernel: covariance function.
         current: last draw of an earlier chain, to go on from.
         settings: how many draws, how much burn-in.
+        noise: prior of the noise variance; default ``noise_prior``.
     """
     settings = settings or SamplingSettings()
-    prior = full_prior(U.shape[1], kernel)
+    prior = full_prior(U.shape[1], kernel, noise)
     mask = subset(z, settings.max_points, rng)
     U, z = np.ascontiguousarray(U[mask]), z[mask]
 
@@ -141,12 +150,13 @@ def sample_hyperparameters(
         return fitted.log_marginal_likelihood() + log_prior
 
     start = np.clip(prior.mean if current is None else current.vector, prior.lower, prior.upper)
-    return sample_chain(log_density, start, current is not None, rng, settings)
+    return sample_chain(log_density, start, prior.unknown, current is not None, rng, settings)
 
 
 def sample_chain(
     log_density: LogDensity,
     state: FloatArray,
+    unknown: npt.NDArray[np.int64],
     warm: bool,
     rng: np.random.Generator,
     settings: SamplingSettings,
@@ -156,15 +166,16 @@ def sample_chain(
     Args:
         log_density: of (theta, log noise), shape (p + 1,), up to a constant.
         state: where the chain starts, shape (p + 1,).
+        unknown: indices of the parameters to be drawn; the others stay.
         warm: whether the start is a draw of an earlier chain, so that a short burn-in does.
         rng: source of randomness.
         settings: how many draws, how much burn-in.
     """
     value = log_density(state)
     for _ in range(settings.warm_burn_in if warm else settings.burn_in):
-        state, value = slice_sweep(log_density, state, value, settings.width, rng)
+        state, value = slice_sweep(log_density, state, value, settings.width, rng, unknown)
     draws = []
     for _ in range(settings.n_samples):
-        state, value = slice_sweep(log_density, state, value, settings.width, rng)
+        state, value = slice_sweep(log_density, state, value, settings.width, rng, unknown)
         draws.append(Hyperparameters.from_vector(state))
     return draws

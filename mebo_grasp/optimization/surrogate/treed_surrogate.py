@@ -11,7 +11,7 @@ from mebo_grasp.errors import InvalidSettingsError, RunLogError
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess, Hyperparameters, standardize
-from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel
+from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel, LogNormalPrior
 from mebo_grasp.optimization.surrogate.mixture import MixtureProcess
 from mebo_grasp.optimization.surrogate.partition import Node, grow, path_parts
 from mebo_grasp.optimization.surrogate.relearning import RelearningSurrogate
@@ -58,7 +58,7 @@ class TreedSurrogate(RelearningSurrogate[TreedProcess]):
     """Grows the tree anew whenever it learns; in between, new observations join the leaves that they lie in.
 
     Args:
-        dim, relearn_period, kernel: see ``RelearningSurrogate``; the kernel is that of every leaf.
+        dim, relearn_period, kernel, noise: see ``RelearningSurrogate``; the kernel is that of every leaf.
         settings: how to divide and to learn.
 
     Raises:
@@ -71,8 +71,9 @@ class TreedSurrogate(RelearningSurrogate[TreedProcess]):
         relearn_period: int = 5,
         kernel: Kernel = MATERN52,
         settings: TreeSettings | None = None,
+        noise: LogNormalPrior | None = None,
     ) -> None:
-        super().__init__(dim, relearn_period, kernel)
+        super().__init__(dim, relearn_period, kernel, noise)
         self._settings = settings or TreeSettings()
         self._n_grown = 0
         self._draws = [[self._default]]
@@ -135,12 +136,12 @@ class TreedSurrogate(RelearningSurrogate[TreedProcess]):
         signal: float | None,
         rng: np.random.Generator,
     ) -> list[Hyperparameters]:
-        density = WeightedPosterior(parts, self._kernel, signal)
+        density = WeightedPosterior(parts, self._kernel, signal, self._noise)
         median = density.prior.mean
         if self._settings.sampling is None:
             return [density.most_probable([median] if known is None else [known.vector, median])]
         start = np.clip(median if known is None else known.vector, density.prior.lower, density.prior.upper)
-        return sample_chain(density, start, known is not None, rng, self._settings.sampling)
+        return sample_chain(density, start, density.prior.unknown, known is not None, rng, self._settings.sampling)
 
     def _learned(self) -> dict[str, Any]:
         return {

@@ -15,7 +15,7 @@ from mebo_grasp.optimization.surrogate.gaussian_process import (
     log_marginal_likelihood_and_gradient,
 )
 from mebo_grasp.optimization.surrogate.hyperparameters import climb, full_prior
-from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel, StationaryKernel
+from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel, LogNormalPrior, StationaryKernel
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,15 +42,20 @@ class WeightedPosterior:
         parts: observations with weights; the region's own first.
         kernel: covariance function.
         signal_variance: that of standardized values, if it is not to be learned; for stationary kernels.
+        noise: prior of the noise variance of standardized values; default that of a simulated trial.
     """
 
     def __init__(
-        self, parts: Sequence[Part], kernel: Kernel = MATERN52, signal_variance: float | None = None
+        self,
+        parts: Sequence[Part],
+        kernel: Kernel = MATERN52,
+        signal_variance: float | None = None,
+        noise: LogNormalPrior | None = None,
     ) -> None:
         self._parts = [part for part in parts if len(part.z) and part.weight > 0.0]
         self._kernel = kernel
         dim = parts[0].U.shape[1]
-        self.prior = full_prior(dim, kernel)
+        self.prior = full_prior(dim, kernel, noise)
         if signal_variance is not None and isinstance(kernel, StationaryKernel):
             self.prior = self.prior.with_known(dim, float(np.log(signal_variance)))
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.experiments import published_safe
@@ -21,9 +22,10 @@ from mebo_grasp.experiments.recommendation import read_recommendations
 from mebo_grasp.experiments.report import write_report
 from mebo_grasp.experiments.run_job import RunStopped, run_job
 from mebo_grasp.experiments.scores import Run
-from mebo_grasp.experiments.study_plots import outcome_curves
+from mebo_grasp.experiments.study_plots import mark_first_split, outcome_curves
 from mebo_grasp.experiments.study_tables import make_tables
 from mebo_grasp.optimization.input_noise import InputNoise
+from mebo_grasp.optimization.surrogate.partition import grow
 
 RKHS = NoisyFunction("rkhs")
 
@@ -76,6 +78,8 @@ def test_methods_are_told_the_papers_protocol() -> None:
     assert settings.tree_weight_power == 2.0
     assert (settings.relearn_period, settings.min_leaf, settings.improvement_margin) == (1, 8, 0.01)
     assert settings.input_noise == InputNoise((0.01,))
+    assert settings.noise_variance == 1e-6
+    assert settings_of(_job("ubo", NoisyGrasp("mug")))[1].noise_variance == 1e-4
     assert settings_of(_job("basin_search_safe", NoisyGrasp("mug")))[1].safe
 
 
@@ -162,6 +166,18 @@ def test_the_table_has_the_last_outcome_and_the_papers_beside() -> None:
     assert [(row[3], row[6], row[8]) for row in printed] == [
         ("mean", "4.863", "100"), ("sd", "0.554", "100"), ("worst", "2.881", "100"),
     ]  # fmt: skip
+
+
+def test_the_first_split_of_a_tree_is_read_and_drawn(tmp_path: Path) -> None:
+    job = replace(_job("tgp_winf"), budget=19, n_initial=14)
+    run_job(job, tmp_path)
+    run = Run.load(job, {"solutions": []}, tmp_path)
+    grown = [len(list(grow(run.trace.X[:n], run.trace.y[:n], 8).leaves())) for n in range(14, 19)]
+    assert grown[:2] == [1, 1]  # A leaf needs 8 observations.
+    assert run.first_split == 14 + grown.index(2)
+    figure = Figure()
+    mark_first_split(figure.add_subplot(), [run, replace(run, first_split=None)])
+    assert np.all(np.asarray(figure.axes[0].lines[0].get_xdata()) == run.first_split)
 
 
 def test_curves_have_the_confidence_interval_of_the_mean() -> None:
