@@ -130,8 +130,8 @@ class StudyTable:
             begin = (self.metric, self.group, item.label, item.column.name)
             for method, cell in item.cells.items():
                 p = "" if cell.p is None else f"{cell.p:.6g}"
-                sd = f"{cell.sd:.10g}" if cell.runs > 1 else ""
-                numbers = (f"{cell.mean:.10g}", sd, str(cell.runs), str(int(cell.is_best)), p)
+                deviation = f"{cell.sd:.10g}" if cell.runs > 1 else ""
+                numbers = (f"{cell.mean:.10g}", deviation, str(cell.runs), str(int(cell.is_best)), p)
                 yield (*begin, method, "measured", *numbers)
             printed = item.printed
             for method, (mean, sd) in printed.by_method.items():
