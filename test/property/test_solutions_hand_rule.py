@@ -15,6 +15,7 @@ from mebo_grasp.grasp import FloatArray, Grasp, GraspOutcome, Pose, StampedGrasp
 from mebo_grasp.solutions.archive import SolutionArchive
 from mebo_grasp.solutions.best_grasp import BestGraspQuery
 from mebo_grasp.solutions.blocking import BlockingRule
+from mebo_grasp.solutions.hand_check import MOST_SEGMENTS
 from mebo_grasp.solutions.hand_volume import HandVolume
 from mebo_grasp.solutions.occlusion import (
     Box,
@@ -201,3 +202,36 @@ def test_the_search_by_hand_finds_what_a_loop_finds(seed: int, shapes: int, want
         if len(expected) == wanted:
             break
     assert found == expected
+
+
+def padded(hand: HandVolume, count: int) -> HandVolume:
+    """The same volume, with small capsules within the thickest one before all others."""
+    thickest = int(np.argmax(hand.radii))
+    middle = (hand.starts[thickest] + hand.ends[thickest]) / 2.0
+    within = np.tile(middle, (count, 1))
+    radii = np.full(count, hand.radii[thickest] / 2.0)
+    return HandVolume(
+        np.vstack([within, hand.starts]), np.vstack([within, hand.ends]), np.concatenate([radii, hand.radii])
+    )
+
+
+@settings(deadline=None, max_examples=15)
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(MOST_SEGMENTS - 5, 3 * MOST_SEGMENTS))
+def test_a_hand_of_many_capsules_is_blocked_where_the_same_hand_of_few_is(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    trials, hands = many_grasps(120, rng), [random_hand(rng) for _ in range(7)]
+    occlusions = tuple(Occlusion(f"o{i}", random_shape(rng), random_pose(rng)) for i in range(3))
+    query = BestGraspQuery(occlusions, 20, rule=BlockingRule.HAND, approach_length=0.1)
+    answers = []
+    # Every second hand is large: small and large ones take turns on what the search works with.
+    for few_or_many in (hands, [padded(h, count) if i % 2 else h for i, h in enumerate(hands)]):
+        with SolutionArchive(
+            ":memory:",
+            OBJECT,
+            hand_volume=lambda g, hands=few_or_many: hands[int(g.quality * 1e6) % 7],
+            approach_axis=APPROACH_AXIS,
+        ) as archive:
+            archive.add_many(trials)
+            answer = archive.best(query)
+            answers.append(([s.stamp_ns for s in answer.grasps], answer.considered, answer.occluded))
+    assert answers[0] == answers[1]
