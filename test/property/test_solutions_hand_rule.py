@@ -1,7 +1,7 @@
 """Blocking by the hand's volume agrees with PyBullet's distances, and the search with a plain loop."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pybullet
@@ -186,7 +186,7 @@ def test_the_search_by_hand_finds_what_a_loop_finds(seed: int, shapes: int, want
         for i, shape in enumerate(balls_and_boxes)
     )
     with SolutionArchive(
-        ":memory:", OBJECT, hand_volume=lambda g: hands[int(g.quality * 1e6) % 7], approach_axis=APPROACH_AXIS
+        ":memory:", OBJECT, hand_volume=by_quality(hands), approach_axis=APPROACH_AXIS
     ) as archive:
         for trial in trials:
             archive.add(trial)
@@ -202,6 +202,11 @@ def test_the_search_by_hand_finds_what_a_loop_finds(seed: int, shapes: int, want
         if len(expected) == wanted:
             break
     assert found == expected
+
+
+def by_quality(hands: list[HandVolume]) -> Callable[[Grasp], HandVolume]:
+    """Gives each grasp one of seven hands, whichever its quality falls on."""
+    return lambda grasp: hands[int(grasp.quality * 1e6) % 7]
 
 
 def padded(hand: HandVolume, count: int) -> HandVolume:
@@ -226,10 +231,7 @@ def test_a_hand_of_many_capsules_is_blocked_where_the_same_hand_of_few_is(seed: 
     # Every second hand is large: small and large ones take turns on what the search works with.
     for few_or_many in (hands, [padded(h, count) if i % 2 else h for i, h in enumerate(hands)]):
         with SolutionArchive(
-            ":memory:",
-            OBJECT,
-            hand_volume=lambda g, hands=few_or_many: hands[int(g.quality * 1e6) % 7],
-            approach_axis=APPROACH_AXIS,
+            ":memory:", OBJECT, hand_volume=by_quality(few_or_many), approach_axis=APPROACH_AXIS
         ) as archive:
             archive.add_many(trials)
             answer = archive.best(query)
