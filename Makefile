@@ -42,6 +42,7 @@ test-quick: setup  ## Run the tests that start no nodes and take no ten seconds
 
 lint: setup  ## Check style and types of code, tests and tools
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
 	$(BIN)/mypy mebo_grasp msg_adapters test tools
 
 bench: setup  ## Measure speed, memory and latency; prints the figures with their spread

@@ -12,8 +12,12 @@ setup(
     packages=find_packages(include=["mebo_grasp*", "msg_adapters*"], exclude=["mebo_grasp_interfaces*"]),
     package_data={
         "mebo_grasp": [
-            "py.typed", "grasping/hands/*", "experiments/problems/data/*", "solutions/*.html",
-            "experiments/*.html", "experiments/definitions/*.yaml",
+            "py.typed",
+            "grasping/hands/*",
+            "experiments/problems/data/*",
+            "solutions/*.html",
+            "experiments/*.html",
+            "experiments/definitions/*.yaml",
         ],
         "msg_adapters": ["py.typed"],
     },

@@ -206,8 +206,7 @@ class HandPosture:
     def __post_init__(self) -> None:
         if len(self.names) != len(self.positions):
             raise InvalidPoseError(
-                f"a posture needs one position a joint: {len(self.names)} names and "
-                f"{len(self.positions)} positions"
+                f"a posture needs one position a joint: {len(self.names)} names and {len(self.positions)} positions"
             )
         if not all(map(math.isfinite, self.positions)):
             raise InvalidPoseError(f"joint positions must be finite, got {self.positions}")

@@ -127,9 +127,7 @@ class VolumeOfHand:
         angles = np.array([values.get(joint.name, 0.0) if joint.movable else 0.0 for joint in self._joints])
         steps = self._fixed.copy()
         sine, versine = np.sin(angles)[:, None, None], (1.0 - np.cos(angles))[:, None, None]
-        steps[:, :3, :3] = self._fixed[:, :3, :3] @ (
-            np.eye(3) + sine * self._cross + versine * self._cross_squared
-        )
+        steps[:, :3, :3] = self._fixed[:, :3, :3] @ (np.eye(3) + sine * self._cross + versine * self._cross_squared)
         transforms = np.empty((len(self._joints) + 1, 4, 4))
         transforms[0] = np.eye(4)
         for k, parent in enumerate(self._parents):
@@ -154,9 +152,7 @@ class HandVolumes:
         on_unknown: called once for each name of a hand that is not known, with that name.
     """
 
-    def __init__(
-        self, hands: Sequence[HandModel], on_unknown: Callable[[str], None] = lambda _name: None
-    ) -> None:
+    def __init__(self, hands: Sequence[HandModel], on_unknown: Callable[[str], None] = lambda _name: None) -> None:
         self._stand_in = VolumeOfHand(hands[0])
         self._known = {hand.name: VolumeOfHand(hand) for hand in hands}
         self._on_unknown = on_unknown

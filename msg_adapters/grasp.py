@@ -82,13 +82,10 @@ def from_grasp_quality_msg(message: GraspQuality, expected_frame: str) -> Stampe
     require_frame(message.header.frame_id, expected_frame, "a grasp quality")
     outcome = _outcome(message.outcome)
     numbers = {
-        name: _number(getattr(message, name), name, outcome)
-        for name in ("quality", "epsilon", "volume", "isotropy")
+        name: _number(getattr(message, name), name, outcome) for name in ("quality", "epsilon", "volume", "isotropy")
     }
     if outcome is GraspOutcome.FAILED and not math.isnan(numbers["quality"]):
-        raise InvalidMessageError(
-            f"outcome FAILED has no value, but quality is {numbers['quality']}; it must be NaN"
-        )
+        raise InvalidMessageError(f"outcome FAILED has no value, but quality is {numbers['quality']}; it must be NaN")
     grasp = Grasp(
         T_object_tcp=from_pose_msg(message.tcp_pose),
         outcome=outcome,
@@ -170,9 +167,7 @@ def to_joint_state_msg(posture: HandPosture, stamp_ns: int, frame_id: str = "") 
     Raises:
         InvalidMessageError: the stamp does not fit into a message.
     """
-    message = JointState(
-        name=list(posture.names), position=[float(value) for value in posture.positions]
-    )
+    message = JointState(name=list(posture.names), position=[float(value) for value in posture.positions])
     message.header.stamp = to_time_msg(stamp_ns)
     message.header.frame_id = frame_id
     return message

@@ -83,9 +83,7 @@ def write_mcap(trials: Iterable[StampedGrasp], path: str | Path, frame_id: str) 
             writer = Writer(file)
             schema = writer.register_msgdef(TYPE, message_definition())
             for count, stamped in enumerate(trials, start=1):  # noqa: B007
-                writer.write_message(
-                    TOPIC, schema, to_grasp_quality_msg(stamped, frame_id), stamped.stamp_ns
-                )
+                writer.write_message(TOPIC, schema, to_grasp_quality_msg(stamped, frame_id), stamped.stamp_ns)
             writer.finish()  # type: ignore[no-untyped-call]
         os.replace(unfinished, path)
     except OSError as error:
@@ -95,9 +93,7 @@ def write_mcap(trials: Iterable[StampedGrasp], path: str | Path, frame_id: str) 
     return count
 
 
-def read_mcap(
-    path: str | Path, expected_frame: str | None, topic: str = TOPIC
-) -> Iterator[StampedGrasp]:
+def read_mcap(path: str | Path, expected_frame: str | None, topic: str = TOPIC) -> Iterator[StampedGrasp]:
     """Read the trials of one topic.
 
     Args:

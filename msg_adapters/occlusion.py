@@ -104,9 +104,7 @@ def to_occlusion_msg(occlusion: Occlusion, frame_id: str, stamp_ns: int = 0) -> 
     Raises:
         InvalidMessageError: the stamp or the shape cannot be sent.
     """
-    message = OcclusionMsg(
-        id=occlusion.id, pose=to_pose_msg(occlusion.T_object_shape), margin=float(occlusion.margin)
-    )
+    message = OcclusionMsg(id=occlusion.id, pose=to_pose_msg(occlusion.T_object_shape), margin=float(occlusion.margin))
     if isinstance(occlusion.shape, TriangleMesh):
         message.mesh = to_mesh_msg(occlusion.shape)
     else:
@@ -116,9 +114,7 @@ def to_occlusion_msg(occlusion: Occlusion, frame_id: str, stamp_ns: int = 0) -> 
     return message
 
 
-def from_occlusion_msg(
-    message: OcclusionMsg, expected_frame: str, frames: FrameTree | None = None
-) -> Occlusion:
+def from_occlusion_msg(message: OcclusionMsg, expected_frame: str, frames: FrameTree | None = None) -> Occlusion:
     """Return the occlusion of a message.
 
     Args:
@@ -195,17 +191,13 @@ def from_occlusion_msgs(
     return occlusions
 
 
-def to_occlusion_array_msg(
-    occlusions: Iterable[Occlusion], frame_id: str, stamp_ns: int = 0
-) -> OcclusionArray:
+def to_occlusion_array_msg(occlusions: Iterable[Occlusion], frame_id: str, stamp_ns: int = 0) -> OcclusionArray:
     """Return all occlusions known now as one message.
 
     Raises:
         InvalidMessageError: the stamp or a shape cannot be sent.
     """
-    message = OcclusionArray(
-        occlusions=[to_occlusion_msg(occlusion, frame_id, stamp_ns) for occlusion in occlusions]
-    )
+    message = OcclusionArray(occlusions=[to_occlusion_msg(occlusion, frame_id, stamp_ns) for occlusion in occlusions])
     message.header.frame_id = frame_id
     message.header.stamp = to_time_msg(stamp_ns)
     return message

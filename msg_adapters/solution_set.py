@@ -46,9 +46,7 @@ def from_solution_set_msg(message: SolutionSetMsg) -> SolutionSet:
     require_frame(message.header.frame_id, message.object_id, "a solution set")
     grasps = tuple(from_grasp_quality_msg(grasp, message.object_id) for grasp in message.grasps)
     if message.diverse > len(grasps):
-        raise InvalidMessageError(
-            f"a set of {len(grasps)} grasps cannot have {message.diverse} diverse ones"
-        )
+        raise InvalidMessageError(f"a set of {len(grasps)} grasps cannot have {message.diverse} diverse ones")
     return SolutionSet(
         message.object_id,
         grasps,

@@ -21,9 +21,7 @@ def to_transform_stamped_msg(transform: FrameTransform, stamp_ns: int = 0) -> Tr
     pose = transform.T_parent_child
     message = TransformStamped(
         child_frame_id=transform.child,
-        transform=Transform(
-            translation=to_vector_msg(pose.position), rotation=to_pose_msg(pose).orientation
-        ),
+        transform=Transform(translation=to_vector_msg(pose.position), rotation=to_pose_msg(pose).orientation),
     )
     message.header.frame_id = transform.parent
     message.header.stamp = to_time_msg(stamp_ns)

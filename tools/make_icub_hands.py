@@ -135,9 +135,7 @@ def _matrix(xyz: np.ndarray, rotation: Rotation) -> np.ndarray:
 
 def _finger_frames(finger: Finger) -> list[np.ndarray]:
     """Return each joint frame (z is the axis) in its parent's, the first one in the hand frame; left hand."""
-    T_tcp_palm = _matrix(np.zeros(3), Rotation.from_euler("x", np.pi)) @ _matrix(
-        -PALM_TO_TCP, Rotation.identity()
-    )
+    T_tcp_palm = _matrix(np.zeros(3), Rotation.from_euler("x", np.pi)) @ _matrix(-PALM_TO_TCP, Rotation.identity())
     base = _matrix(np.array(finger.base_xyz), Rotation.from_euler("xyz", finger.base_rpy))
     if finger.name == "thumb":
         base = base @ _matrix(np.zeros(3), TURN_THUMB)
@@ -224,9 +222,7 @@ def build_urdf(side: str) -> ElementTree.Element:
             ElementTree.SubElement(joint, "child", link=f"{name}_link")
             ElementTree.SubElement(joint, "axis", xyz="0 0 1")
             lower, upper = finger.limits if index == 0 else (0.0, HALF_PI)
-            ElementTree.SubElement(
-                joint, "limit", lower=f"{lower:.8g}", upper=f"{upper:.8g}", effort="1", velocity="1"
-            )
+            ElementTree.SubElement(joint, "limit", lower=f"{lower:.8g}", upper=f"{upper:.8g}", effort="1", velocity="1")
             parent = f"{name}_link"
     ElementTree.indent(robot)
     return robot

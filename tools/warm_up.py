@@ -64,9 +64,7 @@ def run_optimizers() -> None:
 
 def run_archive(grasps: list[Grasp]) -> None:
     """Store trials and ask for the best with every shape in the way, by either rule and distance."""
-    occlusions = tuple(
-        Occlusion(f"shape {i}", shape, grasps[0].T_object_tcp) for i, shape in enumerate(SHAPES)
-    )
+    occlusions = tuple(Occlusion(f"shape {i}", shape, grasps[0].T_object_tcp) for i, shape in enumerate(SHAPES))
     good = replace(grasps[0], outcome=GraspOutcome.GRASPED, quality=0.5)
     hand = HandModel.load("icub_left")
     volumes = HandVolumes([hand])
@@ -79,9 +77,7 @@ def run_archive(grasps: list[Grasp]) -> None:
                 archive.add(StampedGrasp(stamp, grasp))
             for rule in BlockingRule:
                 archive.best(
-                    BestGraspQuery(
-                        occlusions, max_grasps=5, min_diversity=0.02, rule=rule, approach_length=0.1
-                    )
+                    BestGraspQuery(occlusions, max_grasps=5, min_diversity=0.02, rule=rule, approach_length=0.1)
                 )
             archive.solution_set(4, 0.04)
 

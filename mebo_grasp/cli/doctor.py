@@ -36,9 +36,7 @@ def run(options: argparse.Namespace) -> int:
     return 1 if worst[0] else 0
 
 
-def examine(
-    hand_name: str, object_name: str, scale: float, concave: ConcaveShape = "surface"
-) -> list[Finding]:
+def examine(hand_name: str, object_name: str, scale: float, concave: ConcaveShape = "surface") -> list[Finding]:
     """Check hand, object and both together as far as each can be loaded."""
     findings: list[Finding] = []
     hand = target = None

@@ -61,7 +61,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scale", type=float, default=1.0, help="factor from the mesh's unit to metres")
     parser.add_argument("--hand", default="icub_left", help="built-in name or hand description")
     parser.add_argument(
-        "--method", default=DEFAULT_METHOD,
+        "--method",
+        default=DEFAULT_METHOD,
         help=f"one of {', '.join(METHOD_NAMES)} (default: {DEFAULT_METHOD})",
     )
     _add_surrogate_options(parser)
@@ -331,9 +332,7 @@ def third_of(target: TargetObject, index: int, name: str) -> Occlusion:
     return Occlusion(name, Box((2 * FAR, 2 * FAR, float(top - bottom))), Pose(center))
 
 
-def _print_best(
-    client: ExplorationClient, title: str, occlusions: Sequence[Occlusion], rule: BlockingRule
-) -> None:
+def _print_best(client: ExplorationClient, title: str, occlusions: Sequence[Occlusion], rule: BlockingRule) -> None:
     answer = client.best_grasp(occlusions, rule)
     print(f"\nbest grasp {title} ({answer.occluded} of {answer.considered} grasps looked at are blocked):")
     print(f"  none: {answer.message}" if answer.best is None else grasp_table([answer.best]))

@@ -33,9 +33,7 @@ _PRIMITIVES: dict[str, tuple[int, Callable[[Sequence[float]], Shape]]] = {
 }
 
 
-def add_filter_arguments(
-    parser: argparse.ArgumentParser, max_grasps: int | None, min_diversity: float
-) -> None:
+def add_filter_arguments(parser: argparse.ArgumentParser, max_grasps: int | None, min_diversity: float) -> None:
     """Add the options that become a query.
 
     Args:
@@ -67,9 +65,7 @@ def add_filter_arguments(
         "--occlusion", action="append", default=[], metavar="SHAPE@POSE",
         help=f"where no grasp may be, may be repeated: {OCCLUSION_FORMAT}",
     )  # fmt: skip
-    group.add_argument(
-        "--margin", type=float, default=0.0, help="metres by which all occlusions are thickened"
-    )
+    group.add_argument("--margin", type=float, default=0.0, help="metres by which all occlusions are thickened")
     group.add_argument(
         "--rule", default=node.occlusion_rule, choices=[rule.value for rule in BlockingRule],
         help="what must be free: the TCP, as in the thesis, or hand and approach (default: hand)",
@@ -134,9 +130,7 @@ def parse_occlusion(text: str, margin: float = 0.0) -> Occlusion:
         shape = _mesh(sizes) if kind == "mesh" else _primitive(kind, sizes)
         return replace(Occlusion(text, shape, _pose(where)), margin=margin)
     except (ValueError, MeboGraspError) as error:
-        raise InvalidOcclusionError(
-            f"--occlusion '{text}': {error}; write it as {OCCLUSION_FORMAT}"
-        ) from error
+        raise InvalidOcclusionError(f"--occlusion '{text}': {error}; write it as {OCCLUSION_FORMAT}") from error
 
 
 def _primitive(kind: str, sizes: str) -> Shape:

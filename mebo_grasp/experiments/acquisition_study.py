@@ -66,9 +66,7 @@ class StudyOptimizer:
 
     def __init__(self, name: str, space: SearchSpace, settings: MethodSettings, seed: int) -> None:
         if name not in _STUDIED:
-            raise InvalidSettingsError(
-                f"studied method must be one of {', '.join(STUDY_NAMES)}, got {name!r}"
-            )
+            raise InvalidSettingsError(f"studied method must be one of {', '.join(STUDY_NAMES)}, got {name!r}")
         self._optimizer = Optimizer(space, _STUDIED[name](space, settings), settings, seed)
 
     def ask(self, left: int) -> FloatArray:

@@ -57,6 +57,4 @@ def _variance_cells(runs: Sequence[Result]) -> list[str]:
     if len(variances) == 0:
         return [NONE] * 2
     spread = np.std(variances, axis=0, ddof=1) if len(variances) > 1 else np.zeros(2)
-    return [
-        f"{number(m, 4)} ± {number(s, 2)}" for m, s in zip(np.mean(variances, axis=0), spread, strict=True)
-    ]
+    return [f"{number(m, 4)} ± {number(s, 2)}" for m, s in zip(np.mean(variances, axis=0), spread, strict=True)]

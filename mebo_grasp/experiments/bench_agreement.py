@@ -99,9 +99,7 @@ def print_agreement(grasps: Sequence[Grasp], rows: Sequence[dict[str, str]]) -> 
     for column in ("simox_epsilon", "gws_ball_radius_about_origin"):
         reference = np.array([float(row[column] or 0.0) for row in rows])[free]
         rank = float(spearmanr(epsilon, reference).statistic)
-        print(
-            f"         Spearman of epsilon against {column} over {free.sum()} poses free in both: {rank:.3f}"
-        )
+        print(f"         Spearman of epsilon against {column} over {free.sum()} poses free in both: {rank:.3f}")
 
 
 def bench_engines(trials: int, seed: int) -> None:

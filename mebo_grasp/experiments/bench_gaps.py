@@ -56,8 +56,6 @@ def print_true_gaps(
     if len(gaps) == 0:
         return
     low, middle, high = np.quantile(gaps, [0.05, 0.5, 0.95])
-    print(
-        f"         true gap of {len(gaps)} touching links in mm: median {middle:.3f}, 5-95 % {low:.3f} to {high:.3f}"
-    )
+    print(f"         true gap of {len(gaps)} touching links in mm: median {middle:.3f}, 5-95 % {low:.3f} to {high:.3f}")
     asked = Target("largest true gap in mm, either sign", 1e3 * tolerance, at_least=False)
     print(f"         {asked.verdict(float(np.abs(gaps).max()))}")

@@ -128,9 +128,7 @@ class Scene:
 def explore(scene: Scene, method: str, seed: int) -> tuple[Optimizer, float]:
     """Explore once; the optimizer when its budget is spent, and the CPU seconds that it took."""
     budget, initial = (250, 25) if scene.poses.dimension == 3 else (500, 50)
-    settings = OptimizerSettings(
-        budget=budget, n_initial=initial, num_solutions=SET_SIZE, min_distance=SET_DISTANCE
-    )
+    settings = OptimizerSettings(budget=budget, n_initial=initial, num_solutions=SET_SIZE, min_distance=SET_DISTANCE)
     optimizer = Optimizer(scene.search_space, method, settings, seed)
     cpu = 0.0
     with GraspSimulator(scene.target, scene.hand, scene.settings) as simulator:
@@ -150,9 +148,17 @@ def run_of(scene: Scene, name: str, space: str, method: str, seed: int) -> Run:
     weighted = X * optimizer.space.distance_weights
     kept = greedy_diverse_set(weighted, y, SET_SIZE, SET_DISTANCE)
     return Run(
-        name, space, method, seed, float(np.max(y)), float(np.mean(y[kept])),
-        int(np.count_nonzero(y[kept] > 0.0)), retention(weighted, y), occluded(X, y, scene),
-        float(np.mean(y > 0.0)), cpu,
+        name,
+        space,
+        method,
+        seed,
+        float(np.max(y)),
+        float(np.mean(y[kept])),
+        int(np.count_nonzero(y[kept] > 0.0)),
+        retention(weighted, y),
+        occluded(X, y, scene),
+        float(np.mean(y > 0.0)),
+        cpu,
     )
 
 

@@ -179,9 +179,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.trials < 1 or options.sets < 1 or options.seed < 0:
         parser.error("--trials and --sets must be at least 1 and --seed at least 0")
     target, hand = TargetObject.builtin("bottle"), HandModel.load(HAND)
-    print(
-        f"load average {os.getloadavg()[0]:.1f}; {HAND} on the bottle, {options.trials} poses, seed {options.seed}"
-    )
+    print(f"load average {os.getloadavg()[0]:.1f}; {HAND} on the bottle, {options.trials} poses, seed {options.seed}")
     grasps = bench_trials(target, hand, options.trials, options.seed)
     bench_epsilon(target, grasps, options.seed)
     bench_exactness(options.sets, options.seed)

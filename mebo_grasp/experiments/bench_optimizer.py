@@ -156,8 +156,7 @@ def _line(method: str, n: int, options: argparse.Namespace) -> str:
     is_peer = method in PEER_NAMES
     rounds, repetitions = (PEER_ROUNDS, 1) if is_peer else (options.rounds, options.repetitions)
     costs = [
-        measure(method, n, options.dim, rounds, options.batch, seed, options.chosen)
-        for seed in range(repetitions)
+        measure(method, n, options.dim, rounds, options.batch, seed, options.chosen) for seed in range(repetitions)
     ]
     return f"{report(costs)}   {peak_memory():.0f} MB"
 
@@ -173,9 +172,7 @@ def _setting(word: str) -> tuple[str, Any]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark and print one line a method and size."""
     parser = argparse.ArgumentParser(description="CPU milliseconds a chosen point, relearning included")
-    parser.add_argument(
-        "--methods", nargs="+", choices=(*METHOD_NAMES, *PEER_NAMES), default=default_methods()
-    )
+    parser.add_argument("--methods", nargs="+", choices=(*METHOD_NAMES, *PEER_NAMES), default=default_methods())
     parser.add_argument("--sizes", nargs="+", type=int, default=[250, 500])
     parser.add_argument("--dim", type=int, default=6)
     parser.add_argument("--rounds", type=int, default=10)

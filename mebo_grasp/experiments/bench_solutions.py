@@ -78,8 +78,7 @@ def make_trials(count: int, rng: np.random.Generator) -> Iterator[StampedGrasp]:
     tilts = rng.normal(0.0, 0.5, (count, 3))
     # Grasps are best in the middle of the bottle and near to it, as occlusions there matter most.
     qualities = np.clip(
-        0.8 * np.exp(-((heights / 0.06) ** 2) - ((radii - 0.045) / 0.02) ** 2)
-        + rng.normal(0.0, 0.05, count),
+        0.8 * np.exp(-((heights / 0.06) ** 2) - ((radii - 0.045) / 0.02) ** 2) + rng.normal(0.0, 0.05, count),
         1e-3,
         None,
     )
@@ -152,9 +151,7 @@ def _memory() -> float:
     return float("nan")
 
 
-def _ask_scenes(
-    archive: SolutionArchive, name: str, scenes: Sequence[tuple[Occlusion, ...]], **query: object
-) -> None:
+def _ask_scenes(archive: SolutionArchive, name: str, scenes: Sequence[tuple[Occlusion, ...]], **query: object) -> None:
     times, found, blocked = Times(), 0, 0
     for scene in scenes:
         asked = BestGraspQuery(scene, **query)  # type: ignore[arg-type]
@@ -164,9 +161,7 @@ def _ask_scenes(
     times.say(name, f"({found / len(scenes):.1f} found, {blocked / len(scenes):.0f} blocked a question)")
 
 
-def measure_questions(
-    archive: SolutionArchive, questions: int, shapes: int, rng: np.random.Generator
-) -> None:
+def measure_questions(archive: SolutionArchive, questions: int, shapes: int, rng: np.random.Generator) -> None:
     """Print the times of questions in random scenes."""
     scenes = [make_scene(shapes, rng) for _ in range(questions)]
     everywhere = [(Occlusion("room", Box((2.0, 2.0, 2.0)), Pose.identity()),)] * 20

@@ -75,13 +75,9 @@ def compare(objective: NoisyGrasp, n: int, seeds: Sequence[int]) -> Table:
             for name in SURROGATES:
                 predict = fit(name, U[:n], y[:n], np.random.default_rng(seed))
                 found[name].append(measure(predict(U[n:]), y[n:]))
-    rows = tuple(
-        (name, *(spread(*mean_sd(column)) for column in zip(*found[name], strict=True))) for name in found
-    )
+    rows = tuple((name, *(spread(*mean_sd(column)) for column in zip(*found[name], strict=True))) for name in found)
     title = f"{objective.column}, facet {objective.space}, {n} grasps, seeds {', '.join(map(str, seeds))}"
-    return Table(
-        title, ("surrogate", *MEASURES), rows, f"On {N_TEST} other grasps; mean ± standard deviation."
-    )
+    return Table(title, ("surrogate", *MEASURES), rows, f"On {N_TEST} other grasps; mean ± standard deviation.")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -94,9 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     try:
         if options.seeds < 1 or min(options.sizes) < 2:
-            raise InvalidSettingsError(
-                f"need --seeds >= 1 and --sizes >= 2, got {options.seeds} and {options.sizes}"
-            )
+            raise InvalidSettingsError(f"need --seeds >= 1 and --sizes >= 2, got {options.seeds} and {options.sizes}")
         objective = NoisyGrasp(options.object, space=options.space)
         for n in options.sizes:
             print(compare(objective, n, range(options.seeds)).markdown(), flush=True)

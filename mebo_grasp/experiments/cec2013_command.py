@@ -57,12 +57,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"evaluations a run (default: {BUDGET} for the thesis's functions, else {OTHER_BUDGET}, "
         f"from 10 dimensions on {OTHER_BUDGET_HIGH_DIM})",
     )  # fmt: skip
-    parser.add_argument(
-        "--initial", type=int, default=N_INITIAL, help=f"initial design (default: {N_INITIAL})"
-    )
-    parser.add_argument(
-        "--batch", type=int, default=BATCH_SIZE, help=f"points a batch (default: {BATCH_SIZE})"
-    )
+    parser.add_argument("--initial", type=int, default=N_INITIAL, help=f"initial design (default: {N_INITIAL})")
+    parser.add_argument("--batch", type=int, default=BATCH_SIZE, help=f"points a batch (default: {BATCH_SIZE})")
     parser.add_argument(
         "--transform",
         action="store_true",
@@ -109,9 +105,7 @@ def _budget(args: argparse.Namespace, name: str) -> int:
         return OTHER_BUDGET_HIGH_DIM if get_problem(name).dim >= 10 else OTHER_BUDGET
     budget = int(args.budget)
     if not 0 <= args.initial <= budget or budget < 1:
-        raise InvalidSettingsError(
-            f"--budget must be at least 1 and not below --initial {args.initial}, got {budget}"
-        )
+        raise InvalidSettingsError(f"--budget must be at least 1 and not below --initial {args.initial}, got {budget}")
     return budget
 
 

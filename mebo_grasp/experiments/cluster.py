@@ -29,9 +29,7 @@ def dask_pool(address: str) -> PoolFactory:
         InvalidSettingsError: Dask is not installed.
     """
     if find_spec("distributed") is None:
-        raise InvalidSettingsError(
-            "a cluster needs the package distributed; pip install 'mebo_grasp[cluster]'"
-        )
+        raise InvalidSettingsError("a cluster needs the package distributed; pip install 'mebo_grasp[cluster]'")
 
     @contextmanager
     def open_pool(n_jobs: int) -> Iterator[tuple[Executor, int]]:

@@ -76,9 +76,7 @@ class Definition:
 def builtin_names() -> tuple[str, ...]:
     """Names of the experiments that come with the package."""
     folder = files("mebo_grasp.experiments").joinpath(_FOLDER)
-    return tuple(
-        sorted(item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml"))
-    )
+    return tuple(sorted(item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml")))
 
 
 def load_definition(name_or_path: str, overrides: Mapping[str, Any] | None = None) -> Definition:
@@ -98,9 +96,7 @@ def load_definition(name_or_path: str, overrides: Mapping[str, Any] | None = Non
     except yaml.YAMLError as error:
         raise InvalidFileError(f"{name_or_path} is not YAML: {error}") from error
     if not isinstance(content, dict):
-        raise InvalidSettingsError(
-            f"{name_or_path} must hold keys and values; the keys are {', '.join(KEYS)}"
-        )
+        raise InvalidSettingsError(f"{name_or_path} must hold keys and values; the keys are {', '.join(KEYS)}")
     return make_definition(name, _overridden(content, overrides or {}))
 
 
@@ -229,10 +225,7 @@ def _objectives(settings: dict[str, Any]) -> list[Objective]:
     if not isinstance(name, str):
         raise InvalidSettingsError(f"the objective needs a name, got {name!r}")
     choices = [value if isinstance(value, list) else [value] for value in settings.values()]
-    return [
-        make_objective(name, dict(zip(settings, chosen, strict=True)))
-        for chosen in itertools.product(*choices)
-    ]
+    return [make_objective(name, dict(zip(settings, chosen, strict=True))) for chosen in itertools.product(*choices)]
 
 
 def _names(key: str, value: Any) -> list[str]:

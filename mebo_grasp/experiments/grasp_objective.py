@@ -131,9 +131,7 @@ class GraspObjective(Objective):
         """M and tau; all methods are told them, as the command line does."""
         del seed
         scene = self.thesis_scene
-        return WantedSet(
-            self.num_solutions or (scene.num_solutions if scene else NUM_SOLUTIONS), self.min_distance
-        )
+        return WantedSet(self.num_solutions or (scene.num_solutions if scene else NUM_SOLUTIONS), self.min_distance)
 
     @contextmanager
     def open(self, seed: int) -> Iterator[Evaluator]:
@@ -170,9 +168,7 @@ class _Bench:
         )
         self.poses = _pose_space(objective, self.target, self.hand)
         weights = distance_weights(self.poses.units, objective.rotation_weight)
-        self.search_space = SearchSpace(
-            self.poses.names, self.poses.lower, self.poses.upper, self.poses.units, weights
-        )
+        self.search_space = SearchSpace(self.poses.names, self.poses.lower, self.poses.upper, self.poses.units, weights)
         self._settings = TrialSettings(
             friction=objective.friction,
             quality=objective.quality,

@@ -119,8 +119,7 @@ def viewer_data(sets: Sequence[ShownSet]) -> dict[str, Any]:
                 "object": object_id,
                 "hand": shown.hand.name,
                 "grasps": [
-                    _grasp_entry(shown.hand, grasp, COLORS[k % len(COLORS)])
-                    for k, grasp in enumerate(shown.grasps)
+                    _grasp_entry(shown.hand, grasp, COLORS[k % len(COLORS)]) for k, grasp in enumerate(shown.grasps)
                 ],
             }
         )

@@ -22,7 +22,5 @@ def package_folder(package: str) -> Path:
     except (ModuleNotFoundError, ValueError):  # a part before the last dot is absent, or the name is no name
         spec = None
     if spec is None or spec.origin is None:
-        raise InvalidObjectError(
-            f"the package {package} is not installed; install it or leave its objects out"
-        )
+        raise InvalidObjectError(f"the package {package} is not installed; install it or leave its objects out")
     return Path(spec.origin).parent

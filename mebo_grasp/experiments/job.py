@@ -69,8 +69,5 @@ def make_jobs(
 ) -> list[Job]:
     """All combinations, seeds outermost, so that an unfinished experiment is balanced over the cells."""
     return [
-        Job(method, objective, seed, **protocol)
-        for seed in seeds
-        for objective in objectives
-        for method in methods
+        Job(method, objective, seed, **protocol) for seed in seeds for objective in objectives for method in methods
     ]

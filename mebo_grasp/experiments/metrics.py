@@ -155,9 +155,7 @@ def _score_by_list(problem: Problem, X: FloatArray, y: FloatArray, total: int) -
     found_values = best[np.isfinite(best)]
     if len(found_values) < problem.n_optima:
         first_all = last_change = total
-    return RunScore(
-        problem.n_optima, len(found_values), found_values, first_all / total, last_change / total, curve
-    )
+    return RunScore(problem.n_optima, len(found_values), found_values, first_all / total, last_change / total, curve)
 
 
 def _score_by_radius(problem: Problem, X: FloatArray, y: FloatArray, total: int) -> RunScore:
@@ -175,9 +173,7 @@ def _score_by_radius(problem: Problem, X: FloatArray, y: FloatArray, total: int)
     return RunScore(problem.n_optima, len(seeds), y[seeds], speed, speed, curve)
 
 
-def _seeds_within(
-    problem: Problem, X: FloatArray, y: FloatArray, accuracy: float, radius: float
-) -> list[int]:
+def _seeds_within(problem: Problem, X: FloatArray, y: FloatArray, accuracy: float, radius: float) -> list[int]:
     """Indices of the species seeds that are hits, best first (Li et al. 2013, algorithm 1).
 
     Only hits are sorted: a point that is not a hit has a lower value than every hit (no value exceeds

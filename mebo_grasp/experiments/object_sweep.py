@@ -137,9 +137,7 @@ def _work(pipe: Connection, attempt: Attempt, folder: Path, engine: EngineName, 
 class Worker:
     """A process that tries objects, so that a crash or a hang ends it and not the sweep."""
 
-    def __init__(
-        self, folder: Path, engine: EngineName, poses: int, seed: int, attempt: Attempt = try_object
-    ) -> None:
+    def __init__(self, folder: Path, engine: EngineName, poses: int, seed: int, attempt: Attempt = try_object) -> None:
         self._arguments = (attempt, folder, engine, poses, seed)
         self._process: multiprocessing.process.BaseProcess | None = None
 

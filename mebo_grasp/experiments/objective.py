@@ -63,9 +63,7 @@ class Evaluator:
         """
         values = np.array(self.function(X), dtype=np.float64)
         if values.shape != (len(X),):
-            raise InvalidSettingsError(
-                f"{len(X)} points need as many values, the objective gave {values.shape}"
-            )
+            raise InvalidSettingsError(f"{len(X)} points need as many values, the objective gave {values.shape}")
         values[~np.isfinite(values)] = math.nan
         return values
 

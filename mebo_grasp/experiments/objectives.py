@@ -87,9 +87,7 @@ def make_objective(name: str, settings: dict[str, Any]) -> Objective:
         )
     for key in settings:
         if key not in known:
-            raise InvalidSettingsError(
-                f"the objective {name} has no setting {key!r}; it has {', '.join(known)}"
-            )
+            raise InvalidSettingsError(f"the objective {name} has no setting {key!r}; it has {', '.join(known)}")
     required = [
         key
         for key, item in known.items()
@@ -118,7 +116,5 @@ def _typed(name: str, key: str, value: Any, hint: Any) -> Any:
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
     if hint in (bool, int, float, str) and type(value) is not hint:
-        raise InvalidSettingsError(
-            f"{key} of the objective {name} must be of type {hint.__name__}, got {value!r}"
-        )
+        raise InvalidSettingsError(f"{key} of the objective {name} must be of type {hint.__name__}, got {value!r}")
     return value

@@ -276,9 +276,7 @@ _PEERS: dict[str, _PeerKind] = {
     "botorch_qlogei": _PeerKind(
         ("torch", "botorch"), ("torch", "botorch", "gpytorch"), lambda t: BoTorchPeer(t, "qlogei")
     ),
-    "botorch_qucb": _PeerKind(
-        ("torch", "botorch"), ("torch", "botorch", "gpytorch"), lambda t: BoTorchPeer(t, "qucb")
-    ),
+    "botorch_qucb": _PeerKind(("torch", "botorch"), ("torch", "botorch", "gpytorch"), lambda t: BoTorchPeer(t, "qucb")),
     "cma_bipop": _PeerKind(("cma",), ("cma",), CmaPeer),
     "optuna_tpe": _PeerKind(("optuna",), ("optuna",), lambda t: OptunaPeer(t, "tpe")),
     "optuna_gp": _PeerKind(("optuna", "torch"), ("optuna", "torch"), lambda t: OptunaPeer(t, "gp")),
@@ -298,9 +296,7 @@ def peer_packages(name: str) -> tuple[str, ...]:
     return _PEERS[name].packages if name in _PEERS else ()
 
 
-def make_peer(
-    name: str, lower: FloatArray, upper: FloatArray, n_initial: int, batch_size: int, seed: int
-) -> Peer:
+def make_peer(name: str, lower: FloatArray, upper: FloatArray, n_initial: int, batch_size: int, seed: int) -> Peer:
     """Build a peer.
 
     Raises:

@@ -31,9 +31,7 @@ class Variant:
     group: str = ""
 
 
-_ON_ACQUISITION = (
-    "Metropolis-Hastings on the acquisition itself, as the thesis's code does, not on exp(beta alpha)"
-)
+_ON_ACQUISITION = "Metropolis-Hastings on the acquisition itself, as the thesis's code does, not on exp(beta alpha)"
 SURROGATES, SAFE = "surrogates", "safe"
 GROUPS = (SURROGATES, SAFE)
 
@@ -41,9 +39,7 @@ GROUPS = (SURROGATES, SAFE)
 def _treed(power: float | None, learning: str) -> Variant:
     settings = {"surrogate": "treed_gp", "tree_weight_power": power, "learning": learning}
     by = "by slice sampling" if learning == MCMC else "the most probable"
-    return Variant(
-        "bo", settings, f"treed Gaussian process, k = {power or 'infinity'}, hyperparameters {by}", SAFE
-    )
+    return Variant("bo", settings, f"treed Gaussian process, k = {power or 'infinity'}, hyperparameters {by}", SAFE)
 
 
 VARIANTS: dict[str, Variant] = {
@@ -55,9 +51,7 @@ VARIANTS: dict[str, Variant] = {
         f"{_ON_ACQUISITION}, and content with half of M clusters, not three quarters",
     ),
     "mebo_se": Variant("mebo", {"kernel": "squared_exponential"}, "squared exponential kernel", SURROGATES),
-    "mebo_additive": Variant(
-        "mebo", {"kernel": "additive_matern52"}, "additive Matérn 5/2 kernel", SURROGATES
-    ),
+    "mebo_additive": Variant("mebo", {"kernel": "additive_matern52"}, "additive Matérn 5/2 kernel", SURROGATES),
     "mebo_warped": Variant("mebo", {"warp": "kumaraswamy"}, "inputs warped", SURROGATES),
     "mebo_mcmc": Variant("mebo", {"learning": "mcmc"}, "hyperparameters by slice sampling", SURROGATES),
     "mebo_evidence": Variant("mebo", {"kernel": "evidence"}, "structure chosen by evidence", SURROGATES),
@@ -68,9 +62,7 @@ VARIANTS: dict[str, Variant] = {
         for suffix, learning in (("", LEARNING_NAMES[0]), ("_mcmc", MCMC))
         for name, power in (("1", 1.0), ("2", 2.0), ("3", 3.0), ("inf", None))
     },
-    f"{DEFAULT_METHOD}_safe": Variant(
-        DEFAULT_METHOD, {"safe": True}, "by what is expected under input noise", SAFE
-    ),
+    f"{DEFAULT_METHOD}_safe": Variant(DEFAULT_METHOD, {"safe": True}, "by what is expected under input noise", SAFE),
 }
 """Variants beside the methods' defaults; a variant whose method is absent is not offered."""
 

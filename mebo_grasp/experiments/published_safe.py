@@ -48,9 +48,7 @@ def function_figures(problem: str, column: str) -> dict[str, tuple[float, float 
     return _best(problem) if column == "best" else _outcomes(problem, column)
 
 
-def grasp_figures(
-    object_name: str, facet: str, space: str, column: str
-) -> dict[str, tuple[float, float | None]]:
+def grasp_figures(object_name: str, facet: str, space: str, column: str) -> dict[str, tuple[float, float | None]]:
     """Return what the paper prints of a grasp: best values with the synergy, outcomes by position."""
     scene = _SCENES.get((object_name, facet), "")
     if column == "best":

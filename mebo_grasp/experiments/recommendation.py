@@ -27,9 +27,7 @@ class RecommendationJudge:
         known: earlier notes of a run that continues.
     """
 
-    def __init__(
-        self, evaluator: Evaluator, optimizer: LoggedOptimizer, known: Sequence[Recommendation] = ()
-    ) -> None:
+    def __init__(self, evaluator: Evaluator, optimizer: LoggedOptimizer, known: Sequence[Recommendation] = ()) -> None:
         self._judge = evaluator.judge
         self._optimizer = optimizer
         self._last = known[-1] if known else None
@@ -52,9 +50,7 @@ class RecommendationJudge:
         else:
             outcome = self._judge(chosen.x)
         self._last = Recommendation(evaluations, chosen.x, outcome)
-        self._optimizer.note(
-            {"what": _WHAT, "evaluations": evaluations, "x": chosen.x.tolist(), **asdict(outcome)}
-        )
+        self._optimizer.note({"what": _WHAT, "evaluations": evaluations, "x": chosen.x.tolist(), **asdict(outcome)})
         return cpu
 
 

@@ -86,9 +86,7 @@ def _plots(definition: Definition, runs: Sequence[Run], out: Path) -> list[Path]
     plots = []
     for metric, (stem, draw) in _GROUP_PLOTS.items():
         drawn = [run for run in runs if metric != "outcome" or run.trace.recommended]
-        groups = (
-            dict.fromkeys(run.job.objective.group for run in drawn) if metric in definition.metrics else {}
-        )
+        groups = dict.fromkeys(run.job.objective.group for run in drawn) if metric in definition.metrics else {}
         for group in groups:
             path = out / f"{stem}{'-' if group else ''}{re.sub('[^a-z0-9_]+', '-', group.lower())}.png"
             draw([run for run in drawn if run.job.objective.group == group], group, path)
@@ -110,9 +108,7 @@ def _facts(definition: Definition, runs: Sequence[Run], command: str) -> str:
         for package, version in run.result["versions"].items():
             versions.setdefault(package, set()).add(version)
     facts = [
-        f"{len(runs)} runs"
-        + (f"; {missing} of {len(definition.jobs)} are not done" if missing else "")
-        + ".",
+        f"{len(runs)} runs" + (f"; {missing} of {len(definition.jobs)} are not done" if missing else "") + ".",
         f"Seeds {', '.join(map(str, seeds))}.",
         f"The optimizers took {cpu:.0f} CPU seconds in all.",
         "Made with " + ", ".join(f"{name} {' and '.join(sorted(v))}" for name, v in versions.items()) + ".",
@@ -121,9 +117,7 @@ def _facts(definition: Definition, runs: Sequence[Run], command: str) -> str:
     return " ".join(facts)
 
 
-def _markdown(
-    definition: Definition, facts: str, tables: Sequence[Table], pictures: Sequence[Path], out: Path
-) -> str:
+def _markdown(definition: Definition, facts: str, tables: Sequence[Table], pictures: Sequence[Path], out: Path) -> str:
     lines = [
         f"# {definition.title}",
         "",

@@ -102,9 +102,7 @@ def _is_empty_log(path: Path) -> bool:
     return path.exists() and b"\n" not in path.read_bytes()
 
 
-def _run_method(
-    job: Job, evaluator: Evaluator, path: Path, stop: StopCheck
-) -> tuple[float, bool, FloatArray]:
+def _run_method(job: Job, evaluator: Evaluator, path: Path, stop: StopCheck) -> tuple[float, bool, FloatArray]:
     if _is_empty_log(path):
         path.unlink()
     resumed = path.exists()

@@ -43,12 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--cluster", metavar="ADDRESS", help="run on the Dask cluster of this scheduler (extra [cluster])"
     )
-    parser.add_argument(
-        "--list", action="store_true", help="print the runs and what is done of them, run nothing"
-    )
-    parser.add_argument(
-        "--report-only", action="store_true", help="make the report of what is there, run nothing"
-    )
+    parser.add_argument("--list", action="store_true", help="print the runs and what is done of them, run nothing")
+    parser.add_argument("--report-only", action="store_true", help="make the report of what is there, run nothing")
 
 
 def run(name: str, options: argparse.Namespace, command: str) -> int:

@@ -124,9 +124,7 @@ def mark_first_split(axes: Any, runs: Sequence[Run]) -> None:
 
 def _finish(figure: Any, group: str, path: Path) -> None:
     """Legend and heading, and the file."""
-    figure.legend(
-        *figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=8
-    )
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=8)
     if group:
         figure.suptitle(group, fontsize=10)
     path.parent.mkdir(parents=True, exist_ok=True)

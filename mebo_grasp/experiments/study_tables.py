@@ -200,9 +200,7 @@ def _over_all(values: Sequence[dict[str, dict[str, dict[int, float]]]], column: 
 
 
 def _cells(by_method: dict[str, dict[int, float]], column: Column) -> dict[str, Cell]:
-    best, p_values = (
-        (None, {}) if column.higher_is_better is None else against_best(by_method, column.higher_is_better)
-    )
+    best, p_values = (None, {}) if column.higher_is_better is None else against_best(by_method, column.higher_is_better)
     cells = {}
     for method, by_seed in by_method.items():
         mean, sd = mean_sd(list(by_seed.values()))

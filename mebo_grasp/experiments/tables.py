@@ -85,9 +85,7 @@ def comparison_table(
         cells = [cell for label in labels for cell in _measured_cells(results.pick(method, label))]
         body.append((rows[method], results.runs_text(method, labels), *cells))
     for name, figures in printed.rows.items():
-        body.append(
-            (published.THESIS_ROW.format(name), NONE, *_printed_cells(figures, len(printed.functions)))
-        )
+        body.append((published.THESIS_ROW.format(name), NONE, *_printed_cells(figures, len(printed.functions))))
     seen = [cell for name in printed.functions for cell in _best_seen_cells(name)]
     body.append((SEEN_ROW, NONE, *seen))
     title = f"Table {printed.number}" + (", functions shifted, scaled and turned at random" if suffix else "")
@@ -158,9 +156,7 @@ def suite_table(results: ResultSet, problems: Sequence[str]) -> Table | None:
 def _ahead(runs: dict[str, list[Result]]) -> str:
     """Methods whose mean peak ratio at accuracy 0.1 is the greatest; ``NONE`` where no method found an optimum."""
     ratios = {
-        method: float(np.mean([r["basins"]["0.1"] / r["n_optima"] for r in own]))
-        for method, own in runs.items()
-        if own
+        method: float(np.mean([r["basins"]["0.1"] / r["n_optima"] for r in own])) for method, own in runs.items() if own
     }
     best = max(ratios.values(), default=0.0)
     if best == 0.0:
@@ -201,16 +197,13 @@ def all_tables(results: Sequence[Result]) -> list[Table]:
         labels = [name + suffix for name in THESIS_FUNCTIONS]
         methods = {m: m for m in runs.methods(labels) if m not in STUDY_NAMES}
         tables += [
-            comparison_table(table, runs, methods, suffix)
-            for table in (published.METHODS_1D, published.METHODS_2D)
+            comparison_table(table, runs, methods, suffix) for table in (published.METHODS_1D, published.METHODS_2D)
         ]
         tables.append(strict_table(runs, [label for label in labels if label in runs.problems()]))
     if set(STUDY_NAMES) & set(runs.methods(THESIS_FUNCTIONS)):
         tables += _acquisition_tables(runs)
     tables += _penalization_tables(runs)
-    others = [
-        p for p in runs.problems() if p.removesuffix("~t") in set(ALL_FUNCTIONS) - set(THESIS_FUNCTIONS)
-    ]
+    others = [p for p in runs.problems() if p.removesuffix("~t") in set(ALL_FUNCTIONS) - set(THESIS_FUNCTIONS)]
     tables.append(thesis_standing_table(runs))
     tables.append(suite_table(runs, others))
     tables.append(cost_table(runs))

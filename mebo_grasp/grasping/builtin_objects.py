@@ -93,9 +93,7 @@ def _revolved(profile: tuple[tuple[float, float], ...]) -> Shape:
     return _centred(mesh, parts, (0.0, 0.0, 1.0))
 
 
-def _centred(
-    mesh: trimesh.Trimesh, parts: list[FloatArray], axis: tuple[float, float, float] | None
-) -> Shape:
+def _centred(mesh: trimesh.Trimesh, parts: list[FloatArray], axis: tuple[float, float, float] | None) -> Shape:
     centre = mesh.bounds.mean(axis=0)
     mesh.apply_translation(-centre)
     return Shape(mesh, tuple(part - centre for part in parts), axis)
@@ -124,9 +122,7 @@ def _radius_at(profile: tuple[tuple[float, float], ...], z: float) -> float:
     return float(np.interp(z, heights, radii))
 
 
-def _cup_mesh(
-    outer: tuple[tuple[float, float], ...], inner: tuple[tuple[float, float], ...]
-) -> trimesh.Trimesh:
+def _cup_mesh(outer: tuple[tuple[float, float], ...], inner: tuple[tuple[float, float], ...]) -> trimesh.Trimesh:
     line = [(0.0, 0.0), *outer, *reversed(inner), (0.0, inner[0][1])]
     return trimesh.creation.revolve(np.array(line), sections=WALL_SECTORS)
 

@@ -66,9 +66,7 @@ def place(T_parent: FloatArray, T_shape: FloatArray, out: FloatArray) -> None:
 
 
 @njit(cache=True)
-def near_boxes(
-    center: FloatArray, radius: float, lower: FloatArray, upper: FloatArray, near: IntArray
-) -> int:
+def near_boxes(center: FloatArray, radius: float, lower: FloatArray, upper: FloatArray, near: IntArray) -> int:
     """Write the indices of the boxes that a ball meets into ``near``; return how many."""
     count = 0
     for i in range(lower.shape[0]):

@@ -59,9 +59,7 @@ def _begin(state: ClosingState) -> None:
 
 
 @njit(cache=True)
-def starts_in_collision(
-    hand: HandArrays, field: DistanceField, engine: Engine, poses: HandPoses
-) -> bool:
+def starts_in_collision(hand: HandArrays, field: DistanceField, engine: Engine, poses: HandPoses) -> bool:
     """Whether the hand overlaps the object where it stands; else the gaps of its shapes are bounded."""
     for shape in range(hand.shapes):
         lower, upper = gap_bounds(hand, field, poses.group[hand.shape_group[shape]], shape)
@@ -79,8 +77,13 @@ def starts_in_collision(
 
 @njit(cache=True)
 def run_trial(
-    hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses,
-    state: ClosingState, T: FloatArray,
+    hand: HandArrays,
+    field: DistanceField,
+    engine: Engine,
+    rule: ClosingRule,
+    poses: HandPoses,
+    state: ClosingState,
+    T: FloatArray,
 ) -> bool:
     """Place the open hand and close it; False if it collides where it is placed."""
     place_hand(hand, poses, T)
@@ -92,9 +95,7 @@ def run_trial(
 
 
 @njit(cache=True)
-def _free_rounds(
-    hand: HandArrays, field: DistanceField, rule: ClosingRule, poses: HandPoses, f: int
-) -> int:
+def _free_rounds(hand: HandArrays, field: DistanceField, rule: ClosingRule, poses: HandPoses, f: int) -> int:
     """Bound from below how many rounds a finger can close without touching the object."""
     rounds = 1e9
     for j in range(hand.joint_count[f]):
@@ -166,8 +167,14 @@ def _stands(hand: HandArrays, rule: ClosingRule, poses: HandPoses, state: Closin
 
 @njit(cache=True)
 def _step_joint(
-    hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses,
-    state: ClosingState, f: int, j: int,
+    hand: HandArrays,
+    field: DistanceField,
+    engine: Engine,
+    rule: ClosingRule,
+    poses: HandPoses,
+    state: ClosingState,
+    f: int,
+    j: int,
 ) -> bool:
     """Try one step of one joint; return whether it moved."""
     if _stands(hand, rule, poses, state, f, j):
@@ -190,8 +197,13 @@ def _step_joint(
 
 @njit(cache=True)
 def _close_finger_round(
-    hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses,
-    state: ClosingState, f: int,
+    hand: HandArrays,
+    field: DistanceField,
+    engine: Engine,
+    rule: ClosingRule,
+    poses: HandPoses,
+    state: ClosingState,
+    f: int,
 ) -> bool:
     """Close a finger by one round, at once if that is known to be free; return whether anything moved."""
     if state.credit[f] == 0 and state.halted[f] == 0:
@@ -234,7 +246,12 @@ def close_fingers(
 
 @njit(cache=True)
 def free_shares(
-    hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses, state: ClosingState,
+    hand: HandArrays,
+    field: DistanceField,
+    engine: Engine,
+    rule: ClosingRule,
+    poses: HandPoses,
+    state: ClosingState,
     shares: FloatArray,
 ) -> None:
     """Write how much of a step each joint of a closed hand could still make, shape (fingers, MOST_JOINTS)."""

@@ -28,9 +28,18 @@ COLLISION = -1
 
 @njit(cache=True)
 def run_trial(
-    hands: npt.NDArray[np.void], field: DistanceField, engine: Engine, rule: ClosingRule,
-    poses: npt.NDArray[np.void], states: npt.NDArray[np.void], T: FloatArray, pressing: bool, reach: FloatArray,
-    near: IntArray, points: FloatArray, normals: FloatArray,
+    hands: npt.NDArray[np.void],
+    field: DistanceField,
+    engine: Engine,
+    rule: ClosingRule,
+    poses: npt.NDArray[np.void],
+    states: npt.NDArray[np.void],
+    T: FloatArray,
+    pressing: bool,
+    reach: FloatArray,
+    near: IntArray,
+    points: FloatArray,
+    normals: FloatArray,
 ) -> int:
     """Place the open hand, close it and find contacts as ``find_near`` does; ``COLLISION`` if it cannot stand there."""
     hand, field, engine = hands[0], borrowed_field(field), borrowed_engine(engine)
@@ -58,8 +67,14 @@ class TrialRunner:
     """
 
     def __init__(
-        self, hand: HandArrays, layout: HandLayout, field: DistanceField, engine: Engine, world: BulletWorld,
-        rule: ClosingRule, settings: TrialSettings,
+        self,
+        hand: HandArrays,
+        layout: HandLayout,
+        field: DistanceField,
+        engine: Engine,
+        world: BulletWorld,
+        rule: ClosingRule,
+        settings: TrialSettings,
     ) -> None:
         self.hand, self.field, self.engine, self.rule = hand, field, engine, rule
         self._hands = np.zeros(1, HAND_TYPE)
@@ -85,8 +100,18 @@ class TrialRunner:
         if self._pressing:
             self._reach[:] = self._least_reach
         count = run_trial(
-            self._hands, self.field, self.engine, self.rule, self._all_poses, self._states, T_object_tcp,
-            self._pressing, self._reach, self._near, self._points, self._normals,
+            self._hands,
+            self.field,
+            self.engine,
+            self.rule,
+            self._all_poses,
+            self._states,
+            T_object_tcp,
+            self._pressing,
+            self._reach,
+            self._near,
+            self._points,
+            self._normals,
         )
         if count == COLLISION:
             return None

@@ -34,8 +34,14 @@ class Contacts(NamedTuple):
 
 @njit(cache=True)
 def find_near(
-    hand: HandArrays, field: DistanceField, engine: Engine, poses: HandPoses, reach: FloatArray, near: IntArray,
-    points: FloatArray, normals: FloatArray,
+    hand: HandArrays,
+    field: DistanceField,
+    engine: Engine,
+    poses: HandPoses,
+    reach: FloatArray,
+    near: IntArray,
+    points: FloatArray,
+    normals: FloatArray,
 ) -> int:
     """Find the shapes whose gap may be within ``reach``, shape (MOST_SHAPES,), metres.
 
@@ -83,4 +89,3 @@ def mark_pressing(
                         continue
                     if exact_gap(engine, hand, field, poses.trial[i], shape) <= 0.0:
                         reach[shape] = QUERY_RANGE
-

@@ -50,9 +50,7 @@ def borrowed_field(field: DistanceField) -> DistanceField:
 
 
 @njit(cache=True)
-def _grid_distances(
-    tree: TriangleTree, origin: FloatArray, cell: float, values: FloatArray, nearest: IntArray
-) -> None:
+def _grid_distances(tree: TriangleTree, origin: FloatArray, cell: float, values: FloatArray, nearest: IntArray) -> None:
     nx, ny, nz = values.shape
     p, out = np.empty(3), np.empty(3)
     for i in range(nx):
@@ -92,9 +90,7 @@ def _inside_surface(
     outside = np.isin(labels, np.unique(labels[border]))
     corners = tree.triangles["corners"][nearest[skin]]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    behind = (
-        np.einsum("ij,ij->i", normals, points.reshape(*labels.shape, 3)[skin] - corners.mean(axis=1)) < 0.0
-    )
+    behind = np.einsum("ij,ij->i", normals, points.reshape(*labels.shape, 3)[skin] - corners.mean(axis=1)) < 0.0
     inside = ~outside & ~skin
     enclosed = ndimage.binary_dilation(inside, iterations=2)[skin]
     inside[skin] = behind & enclosed

@@ -103,9 +103,7 @@ def fast_gap(
     depth = -sample(field, ends[0, 0], ends[0, 1], ends[0, 2])
     inside = depth > field.slack
     if hand.kind[shape] == BOX:
-        return (
-            -QUERY_RANGE if inside else box_gap(tree, pose, hand.box[shape], hand.ends[shape, 0], QUERY_RANGE)
-        )
+        return -QUERY_RANGE if inside else box_gap(tree, pose, hand.box[shape], hand.ends[shape, 0], QUERY_RANGE)
     radius = hand.radius[shape]
     if inside:
         return -radius

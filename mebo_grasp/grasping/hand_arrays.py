@@ -138,7 +138,8 @@ def check_sizes(hand: HandModel, shapes: int) -> None:
     """
     longest = max(len(finger.joints) for finger in hand.fingers)
     for what, count, most in (
-        ("fingers", len(hand.fingers), MOST_FINGERS), ("closing joints in a finger", longest, MOST_JOINTS),
+        ("fingers", len(hand.fingers), MOST_FINGERS),
+        ("closing joints in a finger", longest, MOST_JOINTS),
         ("collision shapes", shapes, MOST_SHAPES),
     ):
         if not 0 < count <= most:
@@ -148,9 +149,7 @@ def check_sizes(hand: HandModel, shapes: int) -> None:
 def _rigid_groups(hand: HandModel, values: dict[str, float]) -> tuple[dict[str, int], dict[str, FloatArray]]:
     """Return each link's group, and its pose in the frame of that group."""
     closing = {
-        joint: f * MOST_JOINTS + j
-        for f, finger in enumerate(hand.fingers)
-        for j, joint in enumerate(finger.joints)
+        joint: f * MOST_JOINTS + j for f, finger in enumerate(hand.fingers) for j, joint in enumerate(finger.joints)
     }
     T_tcp = hand.link_transforms(HandPosture(tuple(values), tuple(values.values())))
     root = hand.urdf.root
@@ -201,7 +200,8 @@ def _sphere_fields(hand: HandModel, shapes: list[LinkShape], T: FloatArray) -> d
             "describe large links by fewer or smaller shapes, and look whether millimetres are taken for metres"
         )
     return {
-        "sphere_start": start, "sphere_center": np.vstack([center for center, _ in spheres]),
+        "sphere_start": start,
+        "sphere_center": np.vstack([center for center, _ in spheres]),
         "sphere_radius": np.concatenate([radius for _, radius in spheres]),
     }
 
@@ -293,9 +293,7 @@ def _pairs(shape_group: IntArray, static: int) -> tuple[IntArray, IntArray]:
         for k, other_group in enumerate(shape_group):
             if group == static:
                 continue
-            if (other_group == static and j >= 1) or (
-                other_group != static and int(other_group) // MOST_JOINTS != f
-            ):
+            if (other_group == static and j >= 1) or (other_group != static and int(other_group) // MOST_JOINTS != f):
                 others.append(k)
         start.append(len(others))
     return np.array(start, dtype=np.int64), np.array(others, dtype=np.int64)

@@ -110,9 +110,7 @@ def _description(data: dict[str, Any], path: Path) -> HandDescription:
         approach_axis=_unit(data.get("approach_axis", normal), "approach_axis"),
         fingers=_fingers(data["fingers"]),
         preshape={str(joint): _finite(value, joint) for joint, value in (data.get("preshape") or {}).items()},
-        motor_limits={
-            str(motor): _limits(limits, motor) for motor, limits in (data.get("motor_limits") or {}).items()
-        },
+        motor_limits={str(motor): _limits(limits, motor) for motor, limits in (data.get("motor_limits") or {}).items()},
         couplings={
             str(joint): {str(motor): _finite(value, motor) for motor, value in row.items()}
             for joint, row in (data.get("couplings") or {}).items()

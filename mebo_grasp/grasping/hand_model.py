@@ -143,9 +143,7 @@ class HandModel:
         """Joint name to {motor: coefficient}: joint = sum of coefficient times motor."""
         return self.description.couplings
 
-    def posture(
-        self, joints: Mapping[str, float] | Sequence[float] | HandPosture | None = None
-    ) -> HandPosture:
+    def posture(self, joints: Mapping[str, float] | Sequence[float] | HandPosture | None = None) -> HandPosture:
         """Return a full posture: the preshape, changed by the joints given.
 
         Raises:
@@ -157,9 +155,7 @@ class HandModel:
             joints = dict(zip(joints.names, joints.positions, strict=True))
         if not isinstance(joints, Mapping):
             if len(joints) != len(self.joint_names):
-                raise InvalidHandError(
-                    f"hand '{self.name}' has {len(self.joint_names)} joints, got {len(joints)}"
-                )
+                raise InvalidHandError(f"hand '{self.name}' has {len(self.joint_names)} joints, got {len(joints)}")
             return HandPosture(self.joint_names, tuple(float(value) for value in joints))
         unknown = sorted(set(joints) - set(self.joint_names))
         if unknown:
@@ -230,9 +226,7 @@ def check_description(description: HandDescription, urdf: Urdf) -> None:
     """
     for link in (description.tcp_link, *description.palm_links):
         if link not in urdf.links:
-            raise InvalidHandError(
-                f"hand '{description.name}': no link '{link}' in {description.urdf_path.name}"
-            )
+            raise InvalidHandError(f"hand '{description.name}': no link '{link}' in {description.urdf_path.name}")
     named = [joint for finger in description.fingers for joint in finger.joints]
     for joint in (*named, *description.preshape, *description.couplings):
         if joint not in urdf.joint_names:
@@ -251,8 +245,7 @@ def _check_chains(description: HandDescription, urdf: Urdf) -> None:
         for parent, child in zip(finger.joints[:-1], finger.joints[1:], strict=True):
             if not urdf.is_ancestor(parent, child):
                 raise InvalidHandError(
-                    f"hand '{description.name}', finger '{finger.name}': "
-                    f"joint '{child}' does not follow '{parent}'"
+                    f"hand '{description.name}', finger '{finger.name}': joint '{child}' does not follow '{parent}'"
                 )
 
 

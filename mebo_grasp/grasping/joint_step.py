@@ -76,8 +76,16 @@ ClosingState: TypeAlias = Any
 
 @njit(cache=True)
 def _gap_after(
-    hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses,
-    state: ClosingState, f: int, j: int, share: float, quick: bool = False,
+    hand: HandArrays,
+    field: DistanceField,
+    engine: Engine,
+    rule: ClosingRule,
+    poses: HandPoses,
+    state: ClosingState,
+    f: int,
+    j: int,
+    share: float,
+    quick: bool = False,
 ) -> tuple[float, float]:
     """Return the smallest gaps to the object and to the hand after a share of a step.
 
@@ -105,8 +113,16 @@ def _gap_after(
 
 @njit(cache=True)
 def _gap_of_shape_after(
-    hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses,
-    state: ClosingState, shape: int, i: int, motion: float, quick: bool,
+    hand: HandArrays,
+    field: DistanceField,
+    engine: Engine,
+    rule: ClosingRule,
+    poses: HandPoses,
+    state: ClosingState,
+    shape: int,
+    i: int,
+    motion: float,
+    quick: bool,
 ) -> float:
     """Return a shape's gap at the posture tried, exact where it may be below the tolerance."""
     state.seen[shape] = np.nan
@@ -146,8 +162,14 @@ def confirm_gaps(hand: HandArrays, poses: HandPoses, state: ClosingState, f: int
 
 @njit(cache=True)
 def try_joint(
-    hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses,
-    state: ClosingState, f: int, j: int,
+    hand: HandArrays,
+    field: DistanceField,
+    engine: Engine,
+    rule: ClosingRule,
+    poses: HandPoses,
+    state: ClosingState,
+    f: int,
+    j: int,
 ) -> tuple[int, float, int, int]:
     """Find how far a joint can go in one step.
 
@@ -200,8 +222,16 @@ def _between(low: float, high: float, low_weight: float, high_weight: float, tol
 
 @njit(cache=True)
 def _guess(
-    hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses,
-    state: ClosingState, f: int, j: int, low_weight: float, high_weight: float,
+    hand: HandArrays,
+    field: DistanceField,
+    engine: Engine,
+    rule: ClosingRule,
+    poses: HandPoses,
+    state: ClosingState,
+    f: int,
+    j: int,
+    low_weight: float,
+    high_weight: float,
 ) -> float:
     """Return the share of a step at which the compiled gap is within the tolerance: Bullet's hardly differs."""
     low, high, share = 0.0, 1.0, 0.5
@@ -219,8 +249,16 @@ def _guess(
 
 @njit(cache=True)
 def _gap_and_holder(
-    hand: HandArrays, field: DistanceField, engine: Engine, rule: ClosingRule, poses: HandPoses,
-    state: ClosingState, f: int, j: int, share: float, by_hand: bool,
+    hand: HandArrays,
+    field: DistanceField,
+    engine: Engine,
+    rule: ClosingRule,
+    poses: HandPoses,
+    state: ClosingState,
+    f: int,
+    j: int,
+    share: float,
+    by_hand: bool,
 ) -> tuple[float, int, int]:
     """Return the smallest gap after a share of a step, the joint of the group that touches there, and what it touches.
 

@@ -110,8 +110,11 @@ def _segment_edge2(p: FloatArray, q: FloatArray, triangle: Triangle, k: int) -> 
     e0, e1, e2 = c[following, 0] - r0, c[following, 1] - r1, c[following, 2] - r2
     w0, w1, w2 = p[0] - r0, p[1] - r1, p[2] - r2
     t, u = _places(
-        d0 * d0 + d1 * d1 + d2 * d2, e0 * e0 + e1 * e1 + e2 * e2, d0 * e0 + d1 * e1 + d2 * e2,
-        d0 * w0 + d1 * w1 + d2 * w2, e0 * w0 + e1 * w1 + e2 * w2,
+        d0 * d0 + d1 * d1 + d2 * d2,
+        e0 * e0 + e1 * e1 + e2 * e2,
+        d0 * e0 + d1 * e1 + d2 * e2,
+        d0 * w0 + d1 * w1 + d2 * w2,
+        e0 * w0 + e1 * w1 + e2 * w2,
     )
     return (w0 + t * d0 - u * e0) ** 2 + (w1 + t * d1 - u * e1) ** 2 + (w2 + t * d2 - u * e2) ** 2
 

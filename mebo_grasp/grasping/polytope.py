@@ -195,10 +195,20 @@ def allocate(n: int, d: int, capacity: int) -> Polytope:
     while slots < 2 * capacity * d:
         slots *= 2
     return Polytope(
-        np.empty((capacity, d), np.int32), np.empty((capacity, d), np.int32), np.empty((capacity, d)),
-        np.empty(capacity), np.empty(capacity), np.empty(capacity), np.zeros(capacity, np.int64),
-        np.empty(capacity, np.int64), np.empty(capacity, np.int64), np.empty(capacity, np.int64), keys,
-        np.empty(slots, np.uint64), np.empty(slots, np.int64), np.zeros(2, np.int64),
+        np.empty((capacity, d), np.int32),
+        np.empty((capacity, d), np.int32),
+        np.empty((capacity, d)),
+        np.empty(capacity),
+        np.empty(capacity),
+        np.empty(capacity),
+        np.zeros(capacity, np.int64),
+        np.empty(capacity, np.int64),
+        np.empty(capacity, np.int64),
+        np.empty(capacity, np.int64),
+        keys,
+        np.empty(slots, np.uint64),
+        np.empty(slots, np.int64),
+        np.zeros(2, np.int64),
     )
 
 

@@ -131,9 +131,7 @@ class PoseSpace:
         first = np.array([roll, pitch, yaw])
         # Every rotation has a second set of angles; the one nearer to the middle of the box is meant.
         second = np.array([roll + np.pi, np.pi - pitch, yaw + np.pi])
-        candidates = [
-            middle + (angles - middle + np.pi) % (2.0 * np.pi) - np.pi for angles in (first, second)
-        ]
+        candidates = [middle + (angles - middle + np.pi) % (2.0 * np.pi) - np.pi for angles in (first, second)]
         return min(candidates, key=lambda angles: float(np.abs(angles - middle).sum()))
 
 
@@ -153,9 +151,7 @@ def check_bounds(names: tuple[str, ...], lower: FloatArray, upper: FloatArray) -
         )
     for name, low, high in zip(names, lower, upper, strict=True):
         if not (np.isfinite(low) and np.isfinite(high) and low < high):
-            raise InvalidSettingsError(
-                f"bounds of '{name}' are {low} to {high}; they must be finite and rising"
-            )
+            raise InvalidSettingsError(f"bounds of '{name}' are {low} to {high}; they must be finite and rising")
 
 
 def side_approach_rpy(hand: HandModel) -> FloatArray:
@@ -206,9 +202,7 @@ def finger_reach(hand: HandModel) -> float:
     """Return how far the fingers get from the palm along its normal, metres: the longest chain, bent square."""
     longest = 0.0
     for finger in hand.fingers:
-        length = sum(
-            float(np.linalg.norm(hand.urdf.joint(name).T_parent_joint[:3, 3])) for name in finger.joints[1:]
-        )
+        length = sum(float(np.linalg.norm(hand.urdf.joint(name).T_parent_joint[:3, 3])) for name in finger.joints[1:])
         longest = max(longest, length)
     return longest
 
@@ -267,7 +261,6 @@ def _side_space(
 ) -> PoseSpace:
     """Return a space around the side approach; bounds that are given go before the derived ones."""
     lower, upper = (
-        own if other is None else np.asarray(other, dtype=np.float64)
-        for own, other in zip(derived, given, strict=True)
+        own if other is None else np.asarray(other, dtype=np.float64) for own, other in zip(derived, given, strict=True)
     )
     return PoseSpace(names, units, lower, upper, np.zeros(3), side_approach_rpy(hand))

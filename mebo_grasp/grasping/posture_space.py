@@ -132,6 +132,4 @@ def pose_posture_space(
                 raise InvalidSettingsError(f"give {6 + synergies} bounds (pose and amplitudes), got {values.shape}")
             own[index], values = values[6:], values[:6]
         given.append(values)
-    return PosturePoseSpace(
-        pose_space_6d(target, hand, given[0], given[1]), hand, hand_synergies(hand), own[0], own[1]
-    )
+    return PosturePoseSpace(pose_space_6d(target, hand, given[0], given[1]), hand, hand_synergies(hand), own[0], own[1])

@@ -38,14 +38,18 @@ def wrenches_of(
     """Return the wrenches that unit forces at the contacts give, contact by contact, shape (n k, 6)."""
     length = torque_length(target, settings)
     return model_wrenches(
-        settings.contact_model, positions, normals, settings.friction, settings.cone_edges,
-        target.center_of_mass, length, settings.torsion,
+        settings.contact_model,
+        positions,
+        normals,
+        settings.friction,
+        settings.cone_edges,
+        target.center_of_mass,
+        length,
+        settings.torsion,
     )
 
 
-def measure(
-    contacts: Contacts, target: TargetObject, settings: TrialSettings
-) -> GraspMetrics:
+def measure(contacts: Contacts, target: TargetObject, settings: TrialSettings) -> GraspMetrics:
     """Compute the metrics of a set of contacts on an object."""
     positions, normals = contacts.points, contacts.normals
     length = torque_length(target, settings)

@@ -111,9 +111,7 @@ def render(
     """
     size = pixels * oversampling
     distance = (T_world_camera[:3, 3] - vertices) @ T_world_camera[:3, 2]
-    points = np.column_stack(
-        [project(vertices, T_world_camera, field_of_view, size), np.maximum(distance, 1e-6)]
-    )
+    points = np.column_stack([project(vertices, T_world_camera, field_of_view, size), np.maximum(distance, 1e-6)])
     depth = np.full((size, size), np.inf)
     normal_map, color_map = np.zeros((size, size, 3)), np.ones((size, size, 3))
     _fill(

@@ -75,9 +75,7 @@ class Triangles:
         middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
         T = look_at(middle + direction / np.linalg.norm(direction), middle)
         local = (points - middle) @ T[:3, :3]
-        middle = middle + T[:3, :3] @ np.append(
-            (local[:, :2].min(axis=0) + local[:, :2].max(axis=0)) / 2.0, 0.0
-        )
+        middle = middle + T[:3, :3] @ np.append((local[:, :2].min(axis=0) + local[:, :2].max(axis=0)) / 2.0, 0.0)
         local = (points - middle) @ T[:3, :3]
         # A point is in the picture if its sideways offset is below tan(half angle) times its distance.
         spread = np.abs(local[:, :2]).max(axis=1) / (np.tan(FIELD_OF_VIEW / 2.0) * FILLED_SHARE)
@@ -186,9 +184,7 @@ def render_grasps(target: TargetObject, hand: HandModel, grasps: Sequence[Grasp]
         InvalidSettingsError: there is no grasp to draw.
     """
     if not grasps:
-        raise InvalidSettingsError(
-            f"no grasp of '{target.object_id}' to draw for '{path}'; give at least one"
-        )
+        raise InvalidSettingsError(f"no grasp of '{target.object_id}' to draw for '{path}'; give at least one")
     shown = list(grasps)[:MOST_PANELS]
     colors = [HAND_COLORS[i % len(HAND_COLORS)] for i in range(len(shown))]
     panels: list[Panel] = []
@@ -235,9 +231,7 @@ def compose_panels(panels: Sequence[Panel], path: str | Path) -> None:
     for axis, panel in zip(axes.flat, panels, strict=False):
         axis.imshow(panel.image, interpolation="lanczos")
         # Contacts lie between finger and object, so they are marked on top of both.
-        axis.scatter(
-            *panel.contacts.T, s=14, c=[CONTACT_COLOR], edgecolors="white", linewidths=0.6, alpha=0.9
-        )
+        axis.scatter(*panel.contacts.T, s=14, c=[CONTACT_COLOR], edgecolors="white", linewidths=0.6, alpha=0.9)
         axis.set_title(panel.title, fontsize=11)
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(str(path), dpi=140)

@@ -120,7 +120,10 @@ def tilt_normal(contact: GraspContact, sd: float, rng: np.random.Generator) -> G
 
 
 def execute(
-    simulator: GraspSimulator, pose: Pose, noise: ExecutionNoise, rng: np.random.Generator,
+    simulator: GraspSimulator,
+    pose: Pose,
+    noise: ExecutionNoise,
+    rng: np.random.Generator,
     preshape: HandPosture | None = None,
 ) -> Grasp:
     """Execute one pose with noise on the pose, on friction and on contact normals; ``noise.unit`` is left out.

@@ -122,9 +122,7 @@ class GraspSimulator:
             )
         )
 
-    def measured_anew(
-        self, grasp: Grasp, contacts: tuple[GraspContact, ...], settings: TrialSettings
-    ) -> Grasp:
+    def measured_anew(self, grasp: Grasp, contacts: tuple[GraspContact, ...], settings: TrialSettings) -> Grasp:
         """Return a grasp of this simulator with other contacts and settings of the metrics.
 
         Args:
@@ -156,9 +154,7 @@ class GraspSimulator:
         for shape, placed in enumerate(self._layout.shapes):
             pose = self._runner.poses["group"][self._arrays["shape_group"][shape]]
             lower, upper = hand_motion.gap_bounds(self._arrays, self._field, pose, shape)
-            if upper < 0.0 or (
-                lower <= 0.0 and exact_gap(self._engine, self._arrays, self._field, pose, shape) <= 0.0
-            ):
+            if upper < 0.0 or (lower <= 0.0 and exact_gap(self._engine, self._arrays, self._field, pose, shape) <= 0.0):
                 colliding.add(placed.link)
         self._raise_pending()
         return len(colliding)
@@ -190,7 +186,11 @@ class GraspSimulator:
         return HandPosture(self._preshape.names, tuple(positions))
 
     def _grasp(
-        self, T_object_tcp: Pose, outcome: GraspOutcome, contacts: tuple[GraspContact, ...], metrics: GraspMetrics,
+        self,
+        T_object_tcp: Pose,
+        outcome: GraspOutcome,
+        contacts: tuple[GraspContact, ...],
+        metrics: GraspMetrics,
         begun: float,
     ) -> Grasp:
         posture = self._posture(outcome)
@@ -198,8 +198,17 @@ class GraspSimulator:
             closed = ClosedGrasp(T_object_tcp, outcome, contacts, posture, metrics, self._count_colliding)
             metrics = self._chosen.apply(closed)
         return Grasp(
-            T_object_tcp, outcome, metrics.quality, metrics.epsilon, metrics.volume, metrics.isotropy,
-            metrics.force_closure, contacts, posture, self.target.object_id, self.hand.name,
+            T_object_tcp,
+            outcome,
+            metrics.quality,
+            metrics.epsilon,
+            metrics.volume,
+            metrics.isotropy,
+            metrics.force_closure,
+            contacts,
+            posture,
+            self.target.object_id,
+            self.hand.name,
             time.perf_counter() - begun,
         )
 

@@ -78,9 +78,7 @@ class SynergyBasis:
         unknown = [name for name in self.joints if name not in limits]
         if unknown:
             raise InvalidHandError(f"hand '{hand.name}' has no joint {', '.join(unknown)}, which its synergies move")
-        clipped = {
-            name: float(np.clip(value, *limits[name])) for name, value in zip(self.joints, values, strict=True)
-        }
+        clipped = {name: float(np.clip(value, *limits[name])) for name, value in zip(self.joints, values, strict=True)}
         return hand.posture(clipped)
 
     def amplitudes(self, posture: HandPosture) -> FloatArray:

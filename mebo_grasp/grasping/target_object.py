@@ -102,9 +102,7 @@ class TargetObject:
             raise InvalidObjectError(f"mesh file '{path}': {error}") from error
 
     @classmethod
-    def from_mesh(
-        cls, mesh: trimesh.Trimesh, object_id: str, concave: ConcaveShape = "surface"
-    ) -> TargetObject:
+    def from_mesh(cls, mesh: trimesh.Trimesh, object_id: str, concave: ConcaveShape = "surface") -> TargetObject:
         """Wrap a mesh in metres; a closed mesh that is nearly convex becomes one solid part.
 
         Args:
@@ -130,9 +128,7 @@ class TargetObject:
         return cls(object_id, mesh)
 
     @classmethod
-    def load(
-        cls, name_or_path: str | Path, scale: float = 1.0, concave: ConcaveShape = "surface"
-    ) -> TargetObject:
+    def load(cls, name_or_path: str | Path, scale: float = 1.0, concave: ConcaveShape = "surface") -> TargetObject:
         """Return a built-in object by name, or else load the file of that path; ``concave`` as in ``from_mesh``.
 
         Raises:
@@ -208,9 +204,7 @@ def load_mesh(path: Path) -> trimesh.Trimesh:
             f"or a built-in object ({', '.join(BUILTIN_OBJECTS)})"
         )
     if path.suffix.lower() not in MESH_SUFFIXES:
-        raise InvalidObjectError(
-            f"'{path.name}' is of no known mesh type; use one of {', '.join(MESH_SUFFIXES)}"
-        )
+        raise InvalidObjectError(f"'{path.name}' is of no known mesh type; use one of {', '.join(MESH_SUFFIXES)}")
     try:
         scene = trimesh.load_scene(str(path), process=False)
         mesh = scene.to_mesh()

@@ -89,9 +89,7 @@ class TrialSettings:
         if self.torque_length is not None:
             _in_range("torque_length", self.torque_length, 1e-4, 10.0)
         if self.quality not in QUALITY_NAMES:
-            raise InvalidSettingsError(
-                f"quality '{self.quality}' is unknown; use one of {', '.join(QUALITY_NAMES)}"
-            )
+            raise InvalidSettingsError(f"quality '{self.quality}' is unknown; use one of {', '.join(QUALITY_NAMES)}")
         if self.engine not in ENGINE_NAMES:
             raise InvalidSettingsError(f"engine '{self.engine}' must be 'bullet' or 'fast'")
         if self.contact_rule not in ("touching", "pressing"):

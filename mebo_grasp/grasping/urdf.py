@@ -182,9 +182,7 @@ def _origin(element: ElementTree.Element) -> FloatArray:
 def _joint(element: ElementTree.Element) -> UrdfJoint:
     name, kind = _attribute(element, "name"), _attribute(element, "type")
     if kind not in (*MOVABLE, "fixed"):
-        raise ValueError(
-            f"joint '{name}' is of type '{kind}'; only revolute, continuous and fixed ones are known"
-        )
+        raise ValueError(f"joint '{name}' is of type '{kind}'; only revolute, continuous and fixed ones are known")
     parent, child = element.find("parent"), element.find("child")
     if parent is None or child is None:
         raise ValueError(f"joint '{name}' lacks its parent or child")
@@ -214,9 +212,7 @@ def _joint(element: ElementTree.Element) -> UrdfJoint:
     )
 
 
-def _ordered(
-    links: tuple[str, ...], joints: list[UrdfJoint], path: Path
-) -> tuple[str, tuple[UrdfJoint, ...]]:
+def _ordered(links: tuple[str, ...], joints: list[UrdfJoint], path: Path) -> tuple[str, tuple[UrdfJoint, ...]]:
     children = {joint.child for joint in joints}
     roots = [link for link in links if link not in children]
     if len(roots) != 1 or len(children) != len(joints):

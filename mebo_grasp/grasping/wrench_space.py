@@ -111,9 +111,7 @@ def contact_wrenches(
     p = np.asarray(positions, dtype=np.float64).reshape(-1, 3) - np.asarray(center, dtype=np.float64)
     n = np.asarray(normals, dtype=np.float64).reshape(-1, 3)
     if p.shape != n.shape or not (np.isfinite(p).all() and np.isfinite(n).all()):
-        raise InvalidSettingsError(
-            f"contacts must be finite, one normal each; got {len(p)} and {len(n)} normals"
-        )
+        raise InvalidSettingsError(f"contacts must be finite, one normal each; got {len(p)} and {len(n)} normals")
     return _with_torques(p, cone_edges(n, friction, edges), torque_length)
 
 
@@ -148,9 +146,7 @@ def force_closure(epsilon_value: float) -> bool:
     return epsilon_value > FORCE_CLOSURE_EPSILON
 
 
-def isotropy(
-    positions: npt.ArrayLike, normals: npt.ArrayLike, center: npt.ArrayLike, torque_length: float
-) -> float:
+def isotropy(positions: npt.ArrayLike, normals: npt.ArrayLike, center: npt.ArrayLike, torque_length: float) -> float:
     """Return the grasp isotropy index: smallest over largest singular value of the grasp matrix (thesis 2.2.1).
 
     The grasp matrix of hard contacts with friction maps the three force components of every contact to the

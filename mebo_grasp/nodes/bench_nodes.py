@@ -146,9 +146,7 @@ def fill_archive(path: Path, count: int, seed: int) -> None:
         for stamp in range(count):
             pose = Pose.from_rpy(rng.uniform(-0.1, 0.1, 3), rng.uniform(-1.0, 1.0, 3))
             quality = float(rng.uniform(0.01, 1.0))
-            archive.add(
-                StampedGrasp(stamp, Grasp(pose, GraspOutcome.GRASPED, quality, quality, object_id=OBJECT))
-            )
+            archive.add(StampedGrasp(stamp, Grasp(pose, GraspOutcome.GRASPED, quality, quality, object_id=OBJECT)))
 
 
 def bench_best_grasp(domain_id: int, folder: Path, count: int, seed: int) -> None:
@@ -183,9 +181,7 @@ class InstantHand(threading.Thread):
         self._bench = Bench(domain_id)
         self._publisher = self._bench.node.create_publisher(GraspQuality, "grasp_quality", qos.QUALITIES)
         self._bench.node.create_subscription(PoseStamped, "candidate_pose", self._answer, qos.CANDIDATES)
-        self._bench.node.create_subscription(
-            ExplorationStatus, "exploration_status", self._on_status, qos.LATCHED
-        )
+        self._bench.node.create_subscription(ExplorationStatus, "exploration_status", self._on_status, qos.LATCHED)
         self._stopping = threading.Event()
         self.evaluations = 0
         self.status_gaps: list[float] = []

@@ -38,9 +38,7 @@ def scenes_of(count: int, shapes: int, seed: int) -> list[list[OcclusionMsg]]:
     return [[to_occlusion_msg(o, OBJECT) for o in make_scene(shapes, rng)] for _ in range(count)]
 
 
-def bench_service(
-    bench: Bench, node: NodeProcess, scenes: Sequence[list[OcclusionMsg]], name: str, rule: int
-) -> None:
+def bench_service(bench: Bench, node: NodeProcess, scenes: Sequence[list[OcclusionMsg]], name: str, rule: int) -> None:
     """Time ``get_best_grasp`` in each scene once.
 
     The processor time of node and caller is what other programs on the machine disturb least: on an idle one the

@@ -169,9 +169,7 @@ class ExplorationClient:
             mean_min_distance=answer.mean_min_distance,
         )
 
-    def best_grasp(
-        self, occlusions: Sequence[Occlusion], rule: BlockingRule, timeout: float = 10.0
-    ) -> BestAnswer:
+    def best_grasp(self, occlusions: Sequence[Occlusion], rule: BlockingRule, timeout: float = 10.0) -> BestAnswer:
         """Ask for the best grasp that is not occluded.
 
         Args:

@@ -113,9 +113,7 @@ class ExplorationPlan:
         logged = _identity(seed, optimizer.method.name, optimizer.settings, optimizer.space)
         asked = _identity(self.settings.seed, self.settings.method, self.optimizer_settings, self.search_space)
         differences = [
-            f"{name} ({value} in the log, {asked[name]} now)"
-            for name, value in logged.items()
-            if value != asked[name]
+            f"{name} ({value} in the log, {asked[name]} now)" for name, value in logged.items() if value != asked[name]
         ]
         if differences:
             raise RunLogError(
@@ -155,9 +153,7 @@ class ExplorationPlan:
         return bool(moved < SAME_POSE)
 
 
-def _identity(
-    seed: int, method: str, settings: OptimizerSettings, space: SearchSpace
-) -> dict[str, object]:
+def _identity(seed: int, method: str, settings: OptimizerSettings, space: SearchSpace) -> dict[str, object]:
     """Return by name what two runs must have in common to be one."""
     return {
         "method": method,

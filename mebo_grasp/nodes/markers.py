@@ -60,9 +60,7 @@ def _parts_of(grasp: Grasp, rank: int, count: int, frame_id: str) -> tuple[Marke
 def solution_markers(grasps: Sequence[Grasp], occlusions: Iterable[Occlusion], frame_id: str) -> MarkerArray:
     """Return the hands of the solution set and the regions that are occluded."""
     array = grasp_markers(grasps, frame_id)
-    array.markers += [
-        _occlusion_marker(number, occlusion, frame_id) for number, occlusion in enumerate(occlusions)
-    ]
+    array.markers += [_occlusion_marker(number, occlusion, frame_id) for number, occlusion in enumerate(occlusions)]
     return array
 
 
@@ -184,9 +182,7 @@ def _clear(frame_id: str) -> Marker:
 
 
 def _marker(frame_id: str, namespace: str, number: int, kind: int, pose: Pose, color: ColorRGBA) -> Marker:
-    marker = Marker(
-        ns=namespace, id=number, type=kind, action=Marker.ADD, color=color, pose=to_pose_msg(pose)
-    )
+    marker = Marker(ns=namespace, id=number, type=kind, action=Marker.ADD, color=color, pose=to_pose_msg(pose))
     marker.header.frame_id = frame_id
     return marker
 

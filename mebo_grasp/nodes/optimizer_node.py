@@ -91,9 +91,7 @@ class OptimizerNode(Node):
         self._hands = HandLinks(self, self._settings.hands, self._plan.object_id, self._plan.with_posture)
         self._status = self.create_publisher(ExplorationStatus, "exploration_status", qos.LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._qualities = self.create_subscription(
-            GraspQuality, "grasp_quality", self._on_quality, qos.QUALITIES
-        )
+        self._qualities = self.create_subscription(GraspQuality, "grasp_quality", self._on_quality, qos.QUALITIES)
         self.create_service(Trigger, "~/start", self._on_start)
         self.create_service(Trigger, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/resume", self._on_resume)
@@ -271,8 +269,7 @@ class OptimizerNode(Node):
     def _change_state(self, order: str, expected: int, target: int) -> None:
         if self._state != expected:
             raise MeboGraspError(
-                f"cannot {order} while {STATE_NAMES[self._state]}; "
-                f"{order} works while {STATE_NAMES[expected]}"
+                f"cannot {order} while {STATE_NAMES[self._state]}; {order} works while {STATE_NAMES[expected]}"
             )
         self._state = target
         self._status_due = 0.0

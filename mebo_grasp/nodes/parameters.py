@@ -21,9 +21,7 @@ from mebo_grasp.errors import InvalidSettingsError
 Settings = TypeVar("Settings")
 
 
-def parameter(
-    default: Any, description: str, *, least: float | None = None, most: float | None = None
-) -> Any:
+def parameter(default: Any, description: str, *, least: float | None = None, most: float | None = None) -> Any:
     """Return a dataclass field that is declared as a ROS parameter.
 
     Args:
@@ -55,9 +53,7 @@ def _warn_of_unknown(node: Node, known: Iterable[str]) -> None:
     ours = {*known, "use_sim_time", "start_type_description_service"}
     unknown = sorted(name for name in given if name not in ours and not name.startswith("qos_overrides."))
     if unknown:
-        node.get_logger().warning(
-            f"unknown parameters are ignored: {', '.join(unknown)}; known are {', '.join(known)}"
-        )
+        node.get_logger().warning(f"unknown parameters are ignored: {', '.join(unknown)}; known are {', '.join(known)}")
 
 
 def _declare_one(node: Node, field: dataclasses.Field[Any]) -> Any:

@@ -35,9 +35,7 @@ class NodeProcess:
         self.name = name
         self.log_path = directory / f"{name}.log"
         parameter_file = directory / f"{name}.yaml"
-        parameter_file.write_text(
-            yaml.safe_dump({name: {"ros__parameters": dict(parameters)}}), encoding="utf-8"
-        )
+        parameter_file.write_text(yaml.safe_dump({name: {"ros__parameters": dict(parameters)}}), encoding="utf-8")
         command = [sys.executable, "-m", f"mebo_grasp.nodes.{name}"]
         command += ["--ros-args", "--params-file", str(parameter_file)]
         environment = os.environ | {
@@ -73,9 +71,7 @@ class NodeProcess:
         code = self._process.poll()
         if code is not None:
             lines = self.log_path.read_text(encoding="utf-8", errors="replace").splitlines()[-10:]
-            raise MeboGraspError(
-                f"{self.name} ended with exit code {code}; its log says:\n" + "\n".join(lines)
-            )
+            raise MeboGraspError(f"{self.name} ended with exit code {code}; its log says:\n" + "\n".join(lines))
 
     def request_stop(self) -> None:
         """Ask the process to end."""

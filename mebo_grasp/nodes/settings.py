@@ -55,8 +55,10 @@ class HandNodeSettings:
     )
     noise_seed: int = parameter(1, "seed of these noises, which are drawn trial by trial", least=0)
     repetitions: int = parameter(
-        0, "further executions of a grasp with these noises: tells its expected, sd and worst quality; 0: none",
-        least=0, most=10_000,
+        0,
+        "further executions of a grasp with these noises: tells its expected, sd and worst quality; 0: none",
+        least=0,
+        most=10_000,
     )
     expects_posture: bool = parameter(
         False, "whether a candidate_posture of the same stamp belongs to every candidate_pose (space pose_posture)"
@@ -98,17 +100,13 @@ class OptimizerNodeSettings:
     boltzmann_beta: float = parameter(
         3.0, "inverse temperature of Boltzmann selection on the standardized acquisition", least=0.0, most=1e6
     )
-    burn_in: int = parameter(
-        250, "Metropolis-Hastings steps discarded, per dimension", least=1, most=1_000_000
-    )
+    burn_in: int = parameter(250, "Metropolis-Hastings steps discarded, per dimension", least=1, most=1_000_000)
     relearn_period: int = parameter(5, "iterations between two learnings of the hyperparameters", least=1)
     kernel: str = parameter(
         KERNEL_NAMES[0], f"covariance of all methods but {DEFAULT_METHOD}: {', '.join(KERNEL_NAMES)}"
     )
     warp: str = parameter(WARP_NAMES[0], f"learned map of each input before the kernel: {', '.join(WARP_NAMES)}")
-    learning: str = parameter(
-        LEARNING_NAMES[0], f"how the hyperparameters are learned: {', '.join(LEARNING_NAMES)}"
-    )
+    learning: str = parameter(LEARNING_NAMES[0], f"how the hyperparameters are learned: {', '.join(LEARNING_NAMES)}")
     surrogate: str = parameter(
         SURROGATE_NAMES[0], f"surrogate of all methods but {DEFAULT_METHOD}: {', '.join(SURROGATE_NAMES)}"
     )
@@ -123,15 +121,11 @@ class OptimizerNodeSettings:
     )
     input_noise_rotation: float = parameter(0.0, "the same as angles [rad]", least=0.0)
     num_solutions: int = parameter(0, "number of solutions wanted, for methods that use it; 0: free", least=0)
-    min_distance: float = parameter(
-        0.0, "least distance of two solutions [m + weighted rad]; 0: free", least=0.0
-    )
+    min_distance: float = parameter(0.0, "least distance of two solutions [m + weighted rad]; 0: free", least=0.0)
     rotation_weight: float = parameter(
         0.05, "metres that one radian of rotation counts in the distance of two solutions", least=0.0
     )
-    hands: tuple[str, ...] = parameter(
-        ("",), "namespaces of the hands; a candidate goes to <hand>/candidate_pose"
-    )
+    hands: tuple[str, ...] = parameter(("",), "namespaces of the hands; a candidate goes to <hand>/candidate_pose")
     trials_per_hand: int = parameter(2, "candidates in flight for each hand", least=1, most=100)
     trial_timeout: float = parameter(5.0, "seconds until a silent hand's trial is given again", least=0.05)
     max_attempts: int = parameter(5, "times a trial is given before it counts as failed", least=1, most=1000)
@@ -146,9 +140,7 @@ class OptimizerNodeSettings:
                 "give a budget of at least the initial points"
             )
         if len(set(self.hands)) != len(self.hands) or not self.hands:
-            raise InvalidSettingsError(
-                f"hands must be one or more different namespaces, got {list(self.hands)}"
-            )
+            raise InvalidSettingsError(f"hands must be one or more different namespaces, got {list(self.hands)}")
         if len(self.lower_bounds) != len(self.upper_bounds):
             raise InvalidSettingsError(
                 f"lower_bounds has {len(self.lower_bounds)} values and upper_bounds "
@@ -166,9 +158,7 @@ class SolutionSetNodeSettings:
         False, "wait for the disk at each trial, so that a loss of power loses none either"
     )
     size: int = parameter(4, "grasps kept in the solution set", least=1, most=10_000)
-    min_distance: float = parameter(
-        0.04, "least distance of two grasps of the set [m + weighted rad]", least=0.0
-    )
+    min_distance: float = parameter(0.04, "least distance of two grasps of the set [m + weighted rad]", least=0.0)
     rotation_weight: float = parameter(
         0.05, "metres that one radian of rotation counts in the distance of two grasps", least=0.0
     )
@@ -193,12 +183,8 @@ class SolutionSetNodeSettings:
     static_transforms: tuple[str, ...] = parameter(
         (), "frames of occlusions, each as 'parent child x y z qx qy qz qw' [m, xyzw]; /tf_static is heard too"
     )
-    publish_rate: float = parameter(
-        10.0, "most updates of solution_set per second [Hz]", least=0.1, most=1000.0
-    )
-    marker_rate: float = parameter(
-        2.0, "most updates of solution_markers per second [Hz]", least=0.1, most=100.0
-    )
+    publish_rate: float = parameter(10.0, "most updates of solution_set per second [Hz]", least=0.1, most=1000.0)
+    marker_rate: float = parameter(2.0, "most updates of solution_markers per second [Hz]", least=0.1, most=100.0)
 
     def __post_init__(self) -> None:
         if self.occlusion_rule not in OCCLUSION_RULES:

@@ -236,9 +236,7 @@ class SolutionSetNode(Node):
         return response
 
     @guarded_service(ResetArchive.Response.INTERNAL_ERROR)
-    def _on_reset(
-        self, request: ResetArchive.Request, response: ResetArchive.Response
-    ) -> ResetArchive.Response:
+    def _on_reset(self, request: ResetArchive.Request, response: ResetArchive.Response) -> ResetArchive.Response:
         if request.object_id != self._object_id:
             error = f"object_id is '{request.object_id}', but this node keeps '{self._object_id}'"
             return _refuse(response, response.WRONG_OBJECT, error)
@@ -274,9 +272,7 @@ class SolutionSetNode(Node):
         if best is None:
             self._tell_that_none_is_left(answer)
         else:
-            self._best_publisher.publish(
-                to_pose_stamped_msg(best.stamp_ns, self._object_id, best.grasp.T_object_tcp)
-            )
+            self._best_publisher.publish(to_pose_stamped_msg(best.stamp_ns, self._object_id, best.grasp.T_object_tcp))
 
     def _tell_that_none_is_left(self, answer: BestGraspAnswer) -> None:
         self.get_logger().warning(f"best_grasp: {answer.explanation}")

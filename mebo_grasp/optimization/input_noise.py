@@ -42,15 +42,12 @@ class InputNoise:
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", tuple(float(value) for value in self.values))
         if self.unit not in UNITS:
-            raise InvalidSettingsError(
-                f"the unit of input noise must be one of {', '.join(UNITS)}, got {self.unit!r}"
-            )
+            raise InvalidSettingsError(f"the unit of input noise must be one of {', '.join(UNITS)}, got {self.unit!r}")
         if not self.values or not np.all(np.isfinite(self.values)):
             raise InvalidSettingsError(f"input noise needs one or more finite values, got {self.values}")
         if self.unit == POSE and (len(self.values) != 2 or min(self.values) < 0.0):
             raise InvalidSettingsError(
-                "input noise of a pose has two standard deviations >= 0, in metres and in radians, "
-                f"got {self.values}"
+                f"input noise of a pose has two standard deviations >= 0, in metres and in radians, got {self.values}"
             )
         if self.kappa is not None and not np.isfinite(self.kappa):
             raise InvalidSettingsError(f"kappa must be finite or unset, got {self.kappa}")
@@ -105,9 +102,7 @@ class InputNoise:
         values = np.array(self.values)
         if len(values) in (1, dim):
             if np.any(values < 0.0):
-                raise InvalidSettingsError(
-                    f"standard deviations of the input must be at least 0, got {self.values}"
-                )
+                raise InvalidSettingsError(f"standard deviations of the input must be at least 0, got {self.values}")
             return np.diag(np.broadcast_to(values, dim) ** 2)
         if len(values) != dim * dim:
             raise InvalidSettingsError(
@@ -118,7 +113,5 @@ class InputNoise:
         if not np.allclose(matrix, matrix.T, rtol=0.0, atol=1e-9 * size) or (
             np.min(np.linalg.eigvalsh(matrix)) < -1e-9 * size
         ):
-            raise InvalidSettingsError(
-                f"a covariance must be symmetric and not negative, got {matrix.tolist()}"
-            )
+            raise InvalidSettingsError(f"a covariance must be symmetric and not negative, got {matrix.tolist()}")
         return 0.5 * (matrix + matrix.T)

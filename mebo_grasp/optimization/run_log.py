@@ -125,9 +125,7 @@ class RunLog:
         if not records or records[0].get("kind") != "header":
             raise RunLogError(f"{target} is not a run log: its first line is no header")
         if records[0].get("format") != FORMAT_VERSION:
-            raise RunLogError(
-                f"{target} has format {records[0].get('format')!r}; this version reads {FORMAT_VERSION}"
-            )
+            raise RunLogError(f"{target} has format {records[0].get('format')!r}; this version reads {FORMAT_VERSION}")
         return records
 
     @staticmethod
@@ -224,8 +222,10 @@ class LoggedOptimizer:
             "method": method,
             "settings": asdict(optimizer.settings),
             "space": {
-                "names": list(space.names), "units": list(space.units),
-                "lower": space.lower.tolist(), "upper": space.upper.tolist(),
+                "names": list(space.names),
+                "units": list(space.units),
+                "lower": space.lower.tolist(),
+                "upper": space.upper.tolist(),
                 "distance_weights": space.distance_weights.tolist(),
             },
             "seed": rng if isinstance(rng, int) else None,
@@ -246,16 +246,18 @@ class LoggedOptimizer:
         """Open new trials; see ``Optimizer.ask``."""
         trials = self.optimizer.ask(count)
         pending = self.optimizer.observations.pending[-len(trials) :]
-        self.log.write({
-            "kind": "ask",
-            "phase": self.optimizer.phase,
-            "trials": [
-                {"id": trial.id, "u": u.tolist(), "x": trial.x.tolist(), "phase": trial.phase}
-                for trial, u in zip(trials, pending, strict=True)
-            ],
-            "method": self.optimizer.method.state(),
-            "rng": _plain(self.optimizer.rng.bit_generator.state),
-        })
+        self.log.write(
+            {
+                "kind": "ask",
+                "phase": self.optimizer.phase,
+                "trials": [
+                    {"id": trial.id, "u": u.tolist(), "x": trial.x.tolist(), "phase": trial.phase}
+                    for trial, u in zip(trials, pending, strict=True)
+                ],
+                "method": self.optimizer.method.state(),
+                "rng": _plain(self.optimizer.rng.bit_generator.state),
+            }
+        )
         return trials
 
     def tell(self, trial_id: int, value: float) -> None:
@@ -320,8 +322,11 @@ def _from_header(header: dict[str, Any]) -> Optimizer:
     if unknown:
         raise RunLogError(f"the run log has settings that this version does not know: {sorted(unknown)}")
     space = SearchSpace(
-        tuple(header["space"]["names"]), header["space"]["lower"], header["space"]["upper"],
-        tuple(header["space"]["units"]), np.array(header["space"].get("distance_weights", ())),
+        tuple(header["space"]["names"]),
+        header["space"]["lower"],
+        header["space"]["upper"],
+        tuple(header["space"]["units"]),
+        np.array(header["space"].get("distance_weights", ())),
     )
     return Optimizer(
         space, header["method"], OptimizerSettings.from_json(header["settings"]), _generator(header["rng"])

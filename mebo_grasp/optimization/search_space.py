@@ -61,9 +61,7 @@ class SearchSpace:
         if any(not name for name in names) or len(set(names)) != len(names):
             raise InvalidSettingsError(f"dimension names must be distinct and not empty, got {names}")
         if units and len(units) != len(names):
-            raise InvalidSettingsError(
-                f"give one unit a dimension or none: {len(names)} names, {len(units)} units"
-            )
+            raise InvalidSettingsError(f"give one unit a dimension or none: {len(names)} names, {len(units)} units")
 
     @staticmethod
     def _check_bounds(names: tuple[str, ...], lower: FloatArray, upper: FloatArray) -> None:

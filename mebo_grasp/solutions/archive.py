@@ -100,9 +100,7 @@ class SolutionArchive:
         """
         object_id = trial.grasp.object_id
         if object_id and object_id != self.object_id:
-            raise ArchiveError(
-                f"a trial of '{object_id}' does not belong to the archive of '{self.object_id}'"
-            )
+            raise ArchiveError(f"a trial of '{object_id}' does not belong to the archive of '{self.object_id}'")
         return trial
 
     def _packed_volume(self, trial: StampedGrasp) -> PackedVolume | None:
@@ -291,9 +289,7 @@ class SolutionArchive:
             InvalidQueryError: a number is out of range, or the hand's volume is not known.
             ArchiveError: the archive is closed or damaged.
         """
-        query = BestGraspQuery(
-            occlusions, size, min_diversity=min_distance, rule=rule, approach_length=approach_length
-        )
+        query = BestGraspQuery(occlusions, size, min_diversity=min_distance, rule=rule, approach_length=approach_length)
         answer = self.best(query)
         return SolutionSet.of(self.object_id, answer.grasps, min_distance, self.metric)
 
@@ -307,9 +303,7 @@ class SolutionArchive:
             ArchiveError: the name is not this archive's object, or the trials cannot be deleted.
         """
         if object_id != self.object_id:
-            raise ArchiveError(
-                f"this archive keeps '{self.object_id}', not '{object_id}': nothing was deleted"
-            )
+            raise ArchiveError(f"this archive keeps '{self.object_id}', not '{object_id}': nothing was deleted")
         with self._guard:
             self._require_open()
             deleted = self._store.delete_object()
@@ -343,7 +337,5 @@ def _unit(direction: npt.ArrayLike) -> FloatArray:
     vector = np.array(direction, dtype=np.float64)
     length = float(np.linalg.norm(vector))
     if vector.shape != (3,) or not np.isfinite(length) or length == 0.0:
-        raise InvalidHandError(
-            f"an approach axis needs three finite numbers, not all 0; got {vector.tolist()}"
-        )
+        raise InvalidHandError(f"an approach axis needs three finite numbers, not all 0; got {vector.tolist()}")
     return vector / length

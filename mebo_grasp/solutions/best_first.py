@@ -125,9 +125,7 @@ def _look_at_grasp(scene: Scene, grasps: Grasps, row: int, mask: int, reach: flo
             continue
         if is_beyond(shapes, shape, x, y, z, outer):
             continue
-        if not is_beyond(shapes, shape, x, y, z, inner) and (
-            distance_to(shapes, scene, shape, x, y, z) <= inner
-        ):
+        if not is_beyond(shapes, shape, x, y, z, inner) and (distance_to(shapes, scene, shape, x, y, z) <= inner):
             return shape, uint64(0)
         if outer > 0.0:
             verdict = UNDECIDED

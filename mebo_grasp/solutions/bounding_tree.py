@@ -115,6 +115,4 @@ def build_tree(low: FloatArray, high: FloatArray, leaf_size: int) -> BoundingTre
             begin[count + 1], end[count + 1] = middle, e
             count += 2
         node += 1
-    return BoundingTree(
-        order, begin[:count], end[:count], left[:count], node_low[:count], node_high[:count]
-    )
+    return BoundingTree(order, begin[:count], end[:count], left[:count], node_low[:count], node_high[:count])

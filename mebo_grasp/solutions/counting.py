@@ -37,9 +37,7 @@ def _count_all(grasps: Grasps, last: int, least: float) -> int:
 
 
 @compiled
-def _count_node(
-    tree: BoundingTree, bounds: NodeBounds, grasps: Grasps, root: int, last: int, least: float
-) -> int:
+def _count_node(tree: BoundingTree, bounds: NodeBounds, grasps: Grasps, root: int, last: int, least: float) -> int:
     """Count the grasps of a node that were looked at, without going into parts that were as a whole."""
     total = 0
     waiting = [root]

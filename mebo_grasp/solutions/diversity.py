@@ -44,9 +44,7 @@ class PoseMetric:
 
     def __post_init__(self) -> None:
         if not math.isfinite(self.rotation_weight) or self.rotation_weight < 0.0:
-            raise InvalidQueryError(
-                f"rotation_weight must be finite and at least 0 m/rad, got {self.rotation_weight}"
-            )
+            raise InvalidQueryError(f"rotation_weight must be finite and at least 0 m/rad, got {self.rotation_weight}")
         object.__setattr__(self, "rotation_weight", float(self.rotation_weight))
         if self.symmetry_axis is not None:
             axis = np.array(self.symmetry_axis, dtype=np.float64)
@@ -91,9 +89,7 @@ class PoseMetric:
             positions: shape (n, 3), metres.
             quaternions: xyzw, unit norm, shape (n, 4).
         """
-        distances: FloatArray = distance_table(
-            _rows(positions), _rows(quaternions), self.rotation_weight, self.axis
-        )
+        distances: FloatArray = distance_table(_rows(positions), _rows(quaternions), self.rotation_weight, self.axis)
         return distances
 
 
@@ -181,6 +177,4 @@ def qd_value(distances: FloatArray, qualities: FloatArray, min_distance: float) 
     if len(qualities) == 0:
         return 0.0
     diverse = mutually_diverse_count(distances, min_distance)
-    return float(
-        diverse * mean_min_distance(distances) * (np.min(qualities) + np.mean(qualities))
-    )
+    return float(diverse * mean_min_distance(distances) * (np.min(qualities) + np.mean(qualities)))

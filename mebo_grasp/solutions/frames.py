@@ -32,9 +32,7 @@ class FrameTransform:
         for name in ("parent", "child"):
             object.__setattr__(self, name, getattr(self, name).lstrip("/"))
         if not self.parent or not self.child or self.parent == self.child:
-            raise InvalidFrameError(
-                f"a transform needs two different frames, got '{self.parent}' and '{self.child}'"
-            )
+            raise InvalidFrameError(f"a transform needs two different frames, got '{self.parent}' and '{self.child}'")
 
 
 class FrameTree:
@@ -45,9 +43,7 @@ class FrameTree:
         further: links beside them, which replace nothing and are followed first.
     """
 
-    def __init__(
-        self, transforms: Iterable[FrameTransform] = (), further: Iterable[FrameTransform] = ()
-    ) -> None:
+    def __init__(self, transforms: Iterable[FrameTransform] = (), further: Iterable[FrameTransform] = ()) -> None:
         by_child = {transform.child: transform for transform in transforms}
         self._transforms, self._further = tuple(by_child.values()), tuple(further)
 

@@ -215,9 +215,7 @@ class GraspIndex:
             InvalidQueryError: the hand's volume is asked for but not known.
         """
         if query.rule not in self._coverings:
-            raise InvalidQueryError(
-                "the rule 'hand' needs the volume of the hand: open the archive with hand_volume"
-            )
+            raise InvalidQueryError("the rule 'hand' needs the volume of the hand: open the archive with hand_volume")
         covering, grasps = self._coverings[query.rule], self._grasps(query.rule)
         tree, bounds, passed_over = covering.tree, covering.bounds, 0
         if query.ranking is not Ranking.OBSERVED:

@@ -51,9 +51,7 @@ class HandVolume:
     radii: FloatArray
 
     def __post_init__(self) -> None:
-        starts, ends, radii = (
-            np.array(values, dtype=np.float64) for values in (self.starts, self.ends, self.radii)
-        )
+        starts, ends, radii = (np.array(values, dtype=np.float64) for values in (self.starts, self.ends, self.radii))
         m = len(radii)
         if m < 1 or radii.shape != (m,) or starts.shape != (m, 3) or ends.shape != (m, 3):
             raise InvalidHandError(
@@ -62,9 +60,7 @@ class HandVolume:
             )
         numbers = np.concatenate([starts.ravel(), ends.ravel(), radii])
         if not np.all(np.isfinite(numbers)) or np.abs(numbers).max() > _LARGEST - 2 * UNIT:
-            raise InvalidHandError(
-                f"capsules of a hand must be finite and within {_LARGEST:.3f} m of the TCP"
-            )
+            raise InvalidHandError(f"capsules of a hand must be finite and within {_LARGEST:.3f} m of the TCP")
         if radii.min() <= 0.0:
             raise InvalidHandError(f"radii of capsules must be above 0 m, got {radii.min()}")
         for name, values in (("starts", starts), ("ends", ends), ("radii", radii)):

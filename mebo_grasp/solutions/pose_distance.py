@@ -139,9 +139,7 @@ def _squared_symmetric(
 
 
 @borrowing
-def pose_distance(
-    p_a: FloatArray, q_a: FloatArray, p_b: FloatArray, q_b: FloatArray, w: float, u: FloatArray
-) -> float:
+def pose_distance(p_a: FloatArray, q_a: FloatArray, p_b: FloatArray, q_b: FloatArray, w: float, u: FloatArray) -> float:
     """Return the distance between two poses, metres.
 
     Args:
@@ -175,8 +173,6 @@ def distance_table(positions: FloatArray, quaternions: FloatArray, w: float, u: 
     table = np.zeros((n, n))
     for i in range(n):
         for k in range(i):
-            table[i, k] = pose_distance(
-                positions[i], quaternions[i], positions[k], quaternions[k], w, u
-            )
+            table[i, k] = pose_distance(positions[i], quaternions[i], positions[k], quaternions[k], w, u)
             table[k, i] = table[i, k]
     return table

@@ -24,9 +24,7 @@ RESTARTS = 20
 """Of k-means, each from other first centres."""
 
 
-def select_exact(
-    distances: FloatArray, qualities: FloatArray, size: int, min_distance: float
-) -> IntArray:
+def select_exact(distances: FloatArray, qualities: FloatArray, size: int, min_distance: float) -> IntArray:
     """Return the mutually diverse set of at most M solutions whose qualities have the greatest sum.
 
     Branch and bound over the solutions, best first.
@@ -100,9 +98,7 @@ def _greatest_rest(y: FloatArray, blockers: IntArray, first: int, number: int) -
     return total
 
 
-def select_max_qd(
-    distances: FloatArray, qualities: FloatArray, size: int, min_distance: float
-) -> IntArray:
+def select_max_qd(distances: FloatArray, qualities: FloatArray, size: int, min_distance: float) -> IntArray:
     """Return the set of M solutions with the greatest QD value, by comparing all sets.
 
     Args:
@@ -182,8 +178,7 @@ def _check(distances: FloatArray, qualities: FloatArray, size: int) -> int:
     n = len(qualities)
     if n < 1 or distances.shape != (n, n):
         raise InvalidQueryError(
-            f"{n} qualities need at least one solution and distances of shape ({n}, {n}), "
-            f"got {distances.shape}"
+            f"{n} qualities need at least one solution and distances of shape ({n}, {n}), got {distances.shape}"
         )
     if size < 1:
         raise InvalidQueryError(f"the size of a set must be at least 1, got {size}")

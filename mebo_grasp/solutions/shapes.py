@@ -29,9 +29,7 @@ Sizes = tuple[float, float, float]
 def _require_positive(shape: str, **lengths: float) -> None:
     for name, length in lengths.items():
         if not math.isfinite(length) or length <= 0.0:
-            raise InvalidOcclusionError(
-                f"{shape}: {name} must be finite and above 0 m, got {length}"
-            )
+            raise InvalidOcclusionError(f"{shape}: {name} must be finite and above 0 m, got {length}")
 
 
 @dataclass(frozen=True)

@@ -135,9 +135,7 @@ def _squared_to_triangle(p: Triple, triangles: FloatArray, face: int) -> float:
         if v >= 0.0 and w >= 0.0 and v + w <= area:
             height = _dot(ap, normal)
             return float(height * height / area)
-    to_edges = min(
-        _squared_to_segment(p, a, b), _squared_to_segment(p, b, c), _squared_to_segment(p, c, a)
-    )
+    to_edges = min(_squared_to_segment(p, a, b), _squared_to_segment(p, b, c), _squared_to_segment(p, c, a))
     return float(to_edges)
 
 

@@ -37,9 +37,7 @@ GRASP = np.dtype(
 )
 """What the queries need of a grasp; a further number that they rank by becomes a field here, a column in
 ``_ROW_COLUMNS`` and a step of the schema that empties ``chunk``."""
-_ROW_COLUMNS = (
-    "stamp_ns, quality, px, py, pz, qx, qy, qz, qw, expected_quality, quality_sd, worst_quality, hand_volume"
-)
+_ROW_COLUMNS = "stamp_ns, quality, px, py, pz, qx, qy, qz, qw, expected_quality, quality_sd, worst_quality, hand_volume"
 
 
 class Block(NamedTuple):

@@ -23,9 +23,7 @@ TRIAL_COLUMNS = (
     "expected_quality, quality_sd, worst_quality, noise_samples"
 )
 """As ``trial_values`` gives them."""
-DETAIL_COLUMNS = (
-    "hand, computation_time, message, joint_names, joint_positions, contact_links, contact_vectors"
-)
+DETAIL_COLUMNS = "hand, computation_time, message, joint_names, joint_positions, contact_links, contact_vectors"
 """As ``detail_values`` gives them."""
 SELECT_WHOLE = (
     f"SELECT trial.{TRIAL_COLUMNS.replace(', ', ', trial.')}, {DETAIL_COLUMNS} FROM trial "

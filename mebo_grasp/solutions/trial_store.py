@@ -87,9 +87,7 @@ class TrialStore:
 
     def _open(self, sync_each_trial: bool) -> sqlite3.Connection:
         with as_archive_errors(self.path, "open"):
-            connection = sqlite3.connect(
-                self.path, timeout=0.0, isolation_level=None, check_same_thread=False
-            )
+            connection = sqlite3.connect(self.path, timeout=0.0, isolation_level=None, check_same_thread=False)
             try:
                 prepare_schema(connection, self.path)
                 connection.execute("PRAGMA journal_mode = WAL")
@@ -102,9 +100,7 @@ class TrialStore:
         return connection
 
     def _find_object(self, connection: sqlite3.Connection) -> int:
-        row = connection.execute(
-            "SELECT id FROM object WHERE name = ?", (self.object_id,)
-        ).fetchone()
+        row = connection.execute("SELECT id FROM object WHERE name = ?", (self.object_id,)).fetchone()
         return NOT_STORED if row is None else int(row[0])
 
     def _begin_session(self, connection: sqlite3.Connection) -> None:
@@ -151,9 +147,7 @@ class TrialStore:
         """
         for stamped, _ in trials:
             if not 0 <= stamped.stamp_ns <= LAST_STAMP:
-                raise ArchiveError(
-                    f"stamp {stamped.stamp_ns} ns is outside 0 to {LAST_STAMP}, it cannot be stored"
-                )
+                raise ArchiveError(f"stamp {stamped.stamp_ns} ns is outside 0 to {LAST_STAMP}, it cannot be stored")
         before = self._session, self._object_key, self._unpacked
         try:
             with self._transaction("write to") as connection:
@@ -178,9 +172,7 @@ class TrialStore:
         with self._transaction("write to") as connection:
             pack_all(connection, self._object_key)
 
-    def _insert(
-        self, connection: sqlite3.Connection, stamped: StampedGrasp, volume: PackedVolume | None
-    ) -> bool:
+    def _insert(self, connection: sqlite3.Connection, stamped: StampedGrasp, volume: PackedVolume | None) -> bool:
         cursor = connection.execute(
             f"INSERT OR IGNORE INTO trial (object, session, hand_volume, {TRIAL_COLUMNS}) "
             "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
@@ -194,8 +186,7 @@ class TrialStore:
         if cursor.rowcount == 0:
             return False
         connection.execute(
-            f"INSERT INTO trial_detail (object, stamp_ns, {DETAIL_COLUMNS}) "
-            "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+            f"INSERT INTO trial_detail (object, stamp_ns, {DETAIL_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
             (self._object_key, stamped.stamp_ns, *detail_values(stamped.grasp)),
         )
         return True
@@ -277,9 +268,7 @@ class TrialStore:
         try:
             return to_stamped_grasp(row, self.object_id)
         except (ValueError, TypeError) as error:
-            raise ArchiveError(
-                f"trial {row[0]} ns of '{self.object_id}' in {self.path} is damaged: {error}"
-            ) from error
+            raise ArchiveError(f"trial {row[0]} ns of '{self.object_id}' in {self.path} is damaged: {error}") from error
 
     def delete_object(self) -> int:
         """Delete all trials of the object; return how many there were."""

@@ -87,9 +87,7 @@ def test_a_needle_is_not_recommended(name):
         for on in (True, False)
     )
     needle, offsets = np.array([0.75, 0.75]), 0.1 * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
-    grid = np.stack(np.meshgrid(np.linspace(0.05, 0.95, 7), np.linspace(0.05, 0.95, 7)), axis=-1).reshape(
-        -1, 2
-    )
+    grid = np.stack(np.meshgrid(np.linspace(0.05, 0.95, 7), np.linspace(0.05, 0.95, 7)), axis=-1).reshape(-1, 2)
     for optimizer in (safe, plain):
         for u in np.concatenate([grid, [needle], needle + offsets]):
             x = SPACE.from_unit(u)

@@ -51,9 +51,7 @@ def label(value):
 
 @pytest.mark.parametrize(("name", "choice"), PAIRS, ids=label)
 def test_a_run_passes_learning_and_resumes_to_the_same_trace(name, choice, tmp_path):
-    settings = OptimizerSettings(
-        budget=15, n_initial=9, burn_in=5, relearn_period=2, num_solutions=2, **choice
-    )
+    settings = OptimizerSettings(budget=15, n_initial=9, burn_in=5, relearn_period=2, num_solutions=2, **choice)
     full, part = tmp_path / "full.jsonl", tmp_path / "part.jsonl"
     run = LoggedOptimizer.create(full, space_of(2), name, settings, 3)
     trace = []

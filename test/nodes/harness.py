@@ -111,9 +111,7 @@ class Inbox(Generic[Message]):
         with self._condition:
             if not self._condition.wait_for(arrived, timeout):
                 last = self._messages[-1] if self._messages else "nothing"
-                raise AssertionError(
-                    f"no such message in {timeout} s; {len(self._messages)} came, last: {last}"
-                )
+                raise AssertionError(f"no such message in {timeout} s; {len(self._messages)} came, last: {last}")
         return found[0]
 
     def wait_for_count(self, count: int, timeout: float = WAIT) -> list[Message]:
@@ -153,14 +151,10 @@ class Probe:
         self.node.create_subscription(kind, topic, inbox.put, qos)
         return inbox
 
-    def publisher(
-        self, kind: type, topic: str, qos: QoSProfile | int = 100, subscribers: int = 1
-    ) -> Publisher:
+    def publisher(self, kind: type, topic: str, qos: QoSProfile | int = 100, subscribers: int = 1) -> Publisher:
         """Return a publisher that has been matched by at least ``subscribers`` subscribers."""
         publisher = self.node.create_publisher(kind, topic, qos)
-        wait_until(
-            lambda: publisher.get_subscription_count() >= subscribers, what=lambda: f"a listener on {topic}"
-        )
+        wait_until(lambda: publisher.get_subscription_count() >= subscribers, what=lambda: f"a listener on {topic}")
         return publisher
 
     def call(self, kind: type, service: str, request: Any, timeout: float = WAIT) -> Any:

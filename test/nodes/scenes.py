@@ -52,9 +52,7 @@ class Scene:
 
     def wait_until_finished(self, timeout: float = 120.0) -> ExplorationStatus:
         """Wait for the end of the exploration."""
-        return self.status.wait_for(
-            lambda status: status.state == ExplorationStatus.FINISHED, timeout=timeout
-        )
+        return self.status.wait_for(lambda status: status.state == ExplorationStatus.FINISHED, timeout=timeout)
 
     def stored(self) -> int:
         """Return how many trials the solution set node has stored."""

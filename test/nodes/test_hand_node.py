@@ -77,9 +77,7 @@ def bad_candidates() -> list[tuple[str, PoseStamped, str]]:
     return cases
 
 
-def test_bad_candidates_are_answered_and_the_next_good_one_is_tried(
-    launch, probe: Probe, middle: Pose
-) -> None:
+def test_bad_candidates_are_answered_and_the_next_good_one_is_tried(launch, probe: Probe, middle: Pose) -> None:
     qualities = probe.listen(GraspQuality, "grasp_quality", qos.QUALITIES)
     launch("hand_node", object=OBJECT)
     candidates = probe.publisher(PoseStamped, "candidate_pose", qos.CANDIDATES)

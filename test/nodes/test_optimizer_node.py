@@ -45,9 +45,7 @@ def test_an_answer_that_comes_late_or_twice_counts_once(launch, probe: Probe, st
     launch("optimizer_node", budget=12, initial_points=12, trial_timeout=0.5, object=OBJECT)
     final = status.wait_for(finished)
     assert (final.evaluations, final.failed) == (12, 0)
-    assert math.isclose(
-        final.best_quality, max(answer(c).quality for c in hand.candidates.messages), rel_tol=1e-12
-    )
+    assert math.isclose(final.best_quality, max(answer(c).quality for c in hand.candidates.messages), rel_tol=1e-12)
 
 
 def test_a_hand_that_never_answers_costs_the_trial_not_the_run(launch, probe: Probe, status) -> None:
@@ -201,9 +199,7 @@ def test_a_full_disk_pauses_the_run_and_resume_goes_on_where_the_log_ends(
 ) -> None:
     PlayedHand(probe)
     log = tmp_path / "run.jsonl"
-    node = launch(
-        "optimizer_node", budget=9, initial_points=9, object=OBJECT, run_log=str(log), autostart=False
-    )
+    node = launch("optimizer_node", budget=9, initial_points=9, object=OBJECT, run_log=str(log), autostart=False)
     status.wait_for(lambda s: s.state == ExplorationStatus.IDLE)
     resource.prlimit(node.process.pid, resource.RLIMIT_FSIZE, (log.stat().st_size, resource.RLIM_INFINITY))
     probe.call(Trigger, "/optimizer_node/start", Trigger.Request())

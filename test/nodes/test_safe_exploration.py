@@ -38,9 +38,7 @@ def test_a_safe_exploration_answers_by_expected_quality_and_by_quantile(
     qualities = scene.qualities.wait_for_count(BUDGET)
     # Only what is a grasp is repeated.
     good = [q for q in qualities if q.noise_samples > 0]
-    assert {q.header.stamp.nanosec for q in good} == {
-        q.header.stamp.nanosec for q in qualities if q.quality > 0.0
-    }
+    assert {q.header.stamp.nanosec for q in good} == {q.header.stamp.nanosec for q in qualities if q.quality > 0.0}
     assert good
     assert all(q.noise_samples == REPETITIONS and q.worst_quality <= q.expected_quality + 1e-12 for q in good)
     wait_until(lambda: scene.stored() == BUDGET)
@@ -58,8 +56,5 @@ def test_a_safe_exploration_answers_by_expected_quality_and_by_quantile(
     assert asked(GetBestGrasp.Request.RANK_QUANTILE, 0.2).header.stamp == best.header.stamp
 
     assert all(node.stop() == 0 for node in scene.nodes.values())
-    assert (
-        main(["best", str(tmp_path / "trials.db"), "--object", OBJECT, "--rank-by", "expected", "--json"])
-        == 0
-    )
+    assert main(["best", str(tmp_path / "trials.db"), "--object", OBJECT, "--rank-by", "expected", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["expected_quality"] == max(expected)

@@ -125,9 +125,7 @@ def test_the_best_may_be_asked_for_by_what_is_known_under_noise(filled: Desk) ->
     assert [(g.worst_quality, g.quality_sd, g.noise_samples) for g in reply.grasps] == [(0.2, 0.05, 8)]
     for quantile, figure in ((0.0, 0.35 - 1.645 * 0.05), (0.5, 0.35)):
         for limit, expected_count in ((figure - 1e-3, 1), (figure + 1e-3, 0)):
-            reply = filled.ask(
-                ranking=GetBestGrasp.Request.RANK_QUANTILE, quantile=quantile, min_quality=limit
-            )
+            reply = filled.ask(ranking=GetBestGrasp.Request.RANK_QUANTILE, quantile=quantile, min_quality=limit)
             assert len(reply.grasps) == expected_count
     assert reply.error_code == reply.NO_GRASP_STORED
     reply = filled.ask()
@@ -192,18 +190,14 @@ def test_parameters_say_how_long_and_along_what_the_hand_arrives_and_the_margin(
     assert desk.ask(box_occlusion((0.0, 0.43, 0.0), (0.01, 0.01, 0.01))).error_code == 0
 
 
-def test_an_unknown_hand_is_named_and_the_parameters_hand_stands_in(
-    launch, probe: Probe, tmp_path: Path
-) -> None:
+def test_an_unknown_hand_is_named_and_the_parameters_hand_stands_in(launch, probe: Probe, tmp_path: Path) -> None:
     desk = Desk(launch, probe, tmp_path, occlusion_rule="hand")
     desk.add(0.5, hand="claw")
     desk.node.wait_for_log("'claw'")
     assert desk.ask(box_occlusion(AT_THE_FINGERTIPS, (0.01, 0.01, 0.01))).occluded == 1
 
 
-def test_static_transforms_lead_occlusions_of_other_frames_to_the_object(
-    launch, probe: Probe, tmp_path: Path
-) -> None:
+def test_static_transforms_lead_occlusions_of_other_frames_to_the_object(launch, probe: Probe, tmp_path: Path) -> None:
     transforms = ["world bottle 1 0 0 0 0 0 1", "world camera 1 0 0.5 0 0 0 1"]
     desk = Desk(launch, probe, tmp_path, static_transforms=transforms)
     for height, quality in zip(HEIGHTS, QUALITIES, strict=True):

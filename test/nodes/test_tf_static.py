@@ -93,10 +93,7 @@ def tf2_environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         "LD_LIBRARY_PATH": install / "lib",
         "AMENT_PREFIX_PATH": install,
     }
-    return {
-        name: os.pathsep.join(filter(None, (str(folder), os.environ.get(name))))
-        for name, folder in added.items()
-    }
+    return {name: os.pathsep.join(filter(None, (str(folder), os.environ.get(name)))) for name, folder in added.items()}
 
 
 def test_occlusions_wait_for_their_frame(
@@ -109,9 +106,7 @@ def test_occlusions_wait_for_their_frame(
 ) -> None:
     for name, value in tf2_environment.items():
         monkeypatch.setenv(name, value)
-    node = launch(
-        "solution_set_node", object=OBJECT, database=str(tmp_path / "trials.db"), occlusion_rule="tcp"
-    )
+    node = launch("solution_set_node", object=OBJECT, database=str(tmp_path / "trials.db"), occlusion_rule="tcp")
     best: Inbox[PoseStamped] = probe.listen(PoseStamped, "best_grasp", qos.LATCHED)
     qualities = probe.publisher(GraspQuality, "grasp_quality", qos.QUALITIES)
     for stamp, (height, quality) in enumerate(((0.0, 0.5), (0.08, 0.4)), start=1):

@@ -42,9 +42,7 @@ def expected_quality(name: str, grasp: Grasp) -> float:
     if name == "epsilon_linf":
         return sum_origin_distance(wrenches.reshape(len(points), 8, 6))
     if name == "uniformity":
-        return uniformity(
-            HAND, grasp.hand_posture, grasp.T_object_tcp, grasp.contacts, BOTTLE.center_of_mass, LENGTH
-        )
+        return uniformity(HAND, grasp.hand_posture, grasp.T_object_tcp, grasp.contacts, BOTTLE.center_of_mass, LENGTH)
     unit = simox.object_wrench_space(BOTTLE, np.random.default_rng(FACES_SEED))
     own = simox.simox_wrenches(points, normals, BOTTLE)
     values = {

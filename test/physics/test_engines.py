@@ -122,8 +122,7 @@ def _brute_force(p: np.ndarray, q: np.ndarray, triangle: np.ndarray) -> float:
     constraint = {"type": "ineq", "fun": lambda x: 1.0 - x[1] - x[2]}
     starts = ([0.5, 0.3, 0.3], [0.0, 0.1, 0.1], [1.0, 0.8, 0.1])
     best = min(
-        float(minimize(squared, x0, bounds=[(0.0, 1.0)] * 3, constraints=constraint, tol=1e-14).fun)
-        for x0 in starts
+        float(minimize(squared, x0, bounds=[(0.0, 1.0)] * 3, constraints=constraint, tol=1e-14).fun) for x0 in starts
     )
     return float(np.sqrt(max(best, 0.0)))
 

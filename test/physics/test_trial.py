@@ -48,9 +48,7 @@ def test_another_process_gives_the_same_bits(tried: list[tuple[Pose, Grasp]]) ->
         "with GraspSimulator(TARGET, HAND) as simulator:\n"
         "    print('figures:', [figures(simulator.trial(pose)) for pose in poses(5)])\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=240, check=True
-    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=240, check=True)
     expected = [figures(grasp) for _, grasp in tried[:5]]
     assert done.stdout.split("figures: ")[1].strip() == str(expected)
 

@@ -139,15 +139,12 @@ def same_grasp(a: Grasp, b: Grasp) -> bool:
         and np.allclose(a.T_object_tcp.quaternion_xyzw, b.T_object_tcp.quaternion_xyzw, rtol=0, atol=1e-15)
         and a.outcome is b.outcome
         and all(
-            same_number(getattr(a, name), getattr(b, name))
-            for name in ("quality", "epsilon", "volume", "isotropy")
+            same_number(getattr(a, name), getattr(b, name)) for name in ("quality", "epsilon", "volume", "isotropy")
         )
         and a.force_closure == b.force_closure
         and len(a.contacts) == len(b.contacts)
         and all(
-            x.link == y.link
-            and np.array_equal(x.position, y.position)
-            and np.array_equal(x.normal, y.normal)
+            x.link == y.link and np.array_equal(x.position, y.position) and np.array_equal(x.normal, y.normal)
             for x, y in zip(a.contacts, b.contacts, strict=True)
         )
         and a.hand_posture == b.hand_posture

@@ -113,9 +113,7 @@ def test_the_order_of_contacts_does_not_matter(seed: int, count: int, kind: str)
 
 @settings(max_examples=100)
 @given(seeds, counts)
-def test_turning_and_moving_frictionless_contacts_with_the_object_changes_nothing(
-    seed: int, count: int
-) -> None:
+def test_turning_and_moving_frictionless_contacts_with_the_object_changes_nothing(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)
     positions, normals = random_contacts(rng, count, "anywhere")
     turn, shift = Rotation.random(rng=rng), rng.uniform(-1.0, 1.0, 3)
@@ -152,9 +150,7 @@ def test_turning_the_frame_changes_epsilon_by_the_pyramids_only(seed: int, count
 
 @settings(max_examples=60)
 @given(seeds, st.integers(3, MOST_CONTACTS), kinds)
-def test_epsilon_is_below_the_support_of_the_hull_in_every_direction(
-    seed: int, count: int, kind: str
-) -> None:
+def test_epsilon_is_below_the_support_of_the_hull_in_every_direction(seed: int, count: int, kind: str) -> None:
     rng = np.random.default_rng(seed)
     wrenches = wrenches_of(rng, count, kind)
     directions = rng.normal(size=(500, 6))

@@ -54,9 +54,7 @@ def test_occlusions_over_the_wire(found: tuple[Occlusion, ...]) -> None:
         wire = serialize_message(to_occlusion_msg(occlusion, "bottle"))
         back = from_occlusion_msg(deserialize_message(wire, OcclusionMsg), "bottle")
         assert (back.id, back.shape) == (occlusion.id, occlusion.shape)
-        np.testing.assert_allclose(
-            back.T_object_shape.matrix, occlusion.T_object_shape.matrix, rtol=0, atol=1e-14
-        )
+        np.testing.assert_allclose(back.T_object_shape.matrix, occlusion.T_object_shape.matrix, rtol=0, atol=1e-14)
 
 
 @st.composite

@@ -23,9 +23,7 @@ def plain_distance(a: Pose, b: Pose, metric: PoseMetric) -> float:
     if metric.symmetry_axis is not None:
         return metric.distance(a, b)  # checked by itself in test_solutions_metric
     relative = Rotation.from_quat(a.quaternion_xyzw).inv() * Rotation.from_quat(b.quaternion_xyzw)
-    return math.hypot(
-        math.dist(a.position, b.position), metric.rotation_weight * float(relative.magnitude())
-    )
+    return math.hypot(math.dist(a.position, b.position), metric.rotation_weight * float(relative.magnitude()))
 
 
 def is_blocked(query: BestGraspQuery, stamped: StampedGrasp) -> bool:
@@ -59,8 +57,7 @@ def plain_answer(
         if is_blocked(query, stamped):
             occluded += 1
         elif all(
-            plain_distance(stamped.grasp.T_object_tcp, c.grasp.T_object_tcp, metric)
-            >= query.min_diversity
+            plain_distance(stamped.grasp.T_object_tcp, c.grasp.T_object_tcp, metric) >= query.min_diversity
             for c in chosen
         ):
             chosen.append(stamped)
@@ -100,9 +97,7 @@ queries = st.builds(
 
 @settings(deadline=None)
 @given(stored=trials(), asked=st.lists(queries, min_size=1, max_size=3))
-def test_the_answer_is_that_of_a_loop_over_all_grasps(
-    stored: list[StampedGrasp], asked: list[BestGraspQuery]
-) -> None:
+def test_the_answer_is_that_of_a_loop_over_all_grasps(stored: list[StampedGrasp], asked: list[BestGraspQuery]) -> None:
     with SolutionArchive(":memory:", OBJECT, METRIC) as archive:
         for count, stamped in enumerate(stored, start=1):
             archive.add(stamped)
@@ -159,9 +154,7 @@ def test_the_answer_stays_right_while_trees_are_made_in_the_background(
 def test_more_shapes_than_a_node_can_rule_out_are_all_asked(seed: int, wanted: int) -> None:
     rng = np.random.default_rng(seed)
     stored = many_grasps(600, rng)
-    scattered = tuple(
-        Occlusion(f"o{i}", Sphere(0.02), Pose(rng.uniform(-0.15, 0.15, 3))) for i in range(100)
-    )
+    scattered = tuple(Occlusion(f"o{i}", Sphere(0.02), Pose(rng.uniform(-0.15, 0.15, 3))) for i in range(100))
     query = BestGraspQuery(scattered, wanted)
     with SolutionArchive(":memory:", OBJECT) as archive:
         archive.add_many(stored)

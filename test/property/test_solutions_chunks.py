@@ -16,9 +16,7 @@ from mebo_grasp.solutions.trial_chunks import LAST_STAMP, pack_all, pack_newest,
 CHUNK = 3
 STAMPS = st.integers(0, 25) | st.sampled_from([LAST_STAMP - 1, LAST_STAMP])
 QUALITIES = st.sampled_from([None, 0.0, -1.0, 0.25, 0.5, 1.0])
-OPERATIONS = st.tuples(
-    st.sampled_from(["add", "change", "move", "delete", "newest", "all"]), STAMPS, QUALITIES
-)
+OPERATIONS = st.tuples(st.sampled_from(["add", "change", "move", "delete", "newest", "all"]), STAMPS, QUALITIES)
 
 Row = tuple[int, float, bytes]
 
@@ -40,8 +38,7 @@ def perform(connection: sqlite3.Connection, name: str, stamp: int, quality: floa
     key = "object = 1 AND stamp_ns"
     if name == "add":
         connection.execute(
-            "INSERT OR IGNORE INTO trial VALUES "
-            "(1, ?, 1, 0, ?, 1, 2, 3, 0, 0, 0, 1, 0, 0, 0, 0, ?, 0.3, 0.1, 0.2, 5)",
+            "INSERT OR IGNORE INTO trial VALUES (1, ?, 1, 0, ?, 1, 2, 3, 0, 0, 0, 1, 0, 0, 0, 0, ?, 0.3, 0.1, 0.2, 5)",
             (stamp, quality, volume_of(stamp)),
         )
     elif name == "change":

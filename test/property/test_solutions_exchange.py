@@ -64,9 +64,7 @@ def test_an_archive_survives_export_and_import(stored: list[StampedGrasp]) -> No
             assert import_trials(other, lambda: read_jsonl(path)) == len(stored)
             assert import_trials(other, lambda: read_jsonl(path)) == 0
             assert [s.stamp_ns for s in other.grasps] == [s.stamp_ns for s in archive.grasps]
-            assert [s.stamp_ns for s in other.best().grasps] == [
-                s.stamp_ns for s in archive.best().grasps
-            ]
+            assert [s.stamp_ns for s in other.best().grasps] == [s.stamp_ns for s in archive.best().grasps]
 
 
 @settings(deadline=None)
@@ -147,7 +145,5 @@ def test_an_mcap_file_is_read_by_a_program_that_knows_nothing_of_this_package(
             reader = make_reader(file, decoder_factories=[DecoderFactory()])
             messages = list(reader.iter_decoded_messages())
     assert {channel.topic for _, channel, _, _ in messages} == {"/grasp_quality"}
-    assert {schema.name for schema, _, _, _ in messages if schema} == {
-        "mebo_grasp_interfaces/msg/GraspQuality"
-    }
+    assert {schema.name for schema, _, _, _ in messages if schema} == {"mebo_grasp_interfaces/msg/GraspQuality"}
     assert sorted(message.log_time for _, _, message, _ in messages) == sorted(s.stamp_ns for s in stored)

@@ -64,9 +64,7 @@ def random_pose(rng: np.random.Generator) -> Pose:
 
 def bullet_body(client: int, kind: int, position: FloatArray, quaternion: FloatArray, **sizes: object) -> int:
     shape = pybullet.createCollisionShape(kind, physicsClientId=client, **sizes)
-    body = pybullet.createMultiBody(
-        0.0, shape, -1, list(position), list(quaternion), physicsClientId=client
-    )
+    body = pybullet.createMultiBody(0.0, shape, -1, list(position), list(quaternion), physicsClientId=client)
     return int(body)
 
 
@@ -98,14 +96,10 @@ def bullet_capsule(client: int, start: FloatArray, end: FloatArray, radius: floa
     if length < 1e-9:
         return bullet_body(client, pybullet.GEOM_SPHERE, start, np.array([0, 0, 0, 1]), radius=radius)
     turn = Rotation.align_vectors(along[None] / length, [[0.0, 0.0, 1.0]])[0].as_quat()
-    return bullet_body(
-        client, pybullet.GEOM_CAPSULE, (start + end) / 2, turn, radius=radius, height=length
-    )
+    return bullet_body(client, pybullet.GEOM_CAPSULE, (start + end) / 2, turn, radius=radius, height=length)
 
 
-def bullet_clearance(
-    client: int, pose: Pose, hand: HandVolume, approach: float, occlusion: Occlusion
-) -> float:
+def bullet_clearance(client: int, pose: Pose, hand: HandVolume, approach: float, occlusion: Occlusion) -> float:
     """Least distance between the hand or its approach path and the shape, by PyBullet."""
     body = bullet_shape(client, occlusion.shape, occlusion.T_object_shape)
     segments = [
@@ -127,9 +121,7 @@ def bullet_clearance(
 def is_blocked(pose: Pose, hand: HandVolume, approach: float, occlusion: Occlusion) -> bool:
     grasp = StampedGrasp(1, Grasp(pose, GraspOutcome.GRASPED, 0.5))
     query = BestGraspQuery((occlusion,), rule=BlockingRule.HAND, approach_length=approach)
-    with SolutionArchive(
-        ":memory:", OBJECT, hand_volume=lambda _: hand, approach_axis=APPROACH_AXIS
-    ) as archive:
+    with SolutionArchive(":memory:", OBJECT, hand_volume=lambda _: hand, approach_axis=APPROACH_AXIS) as archive:
         archive.add(grasp)
         return archive.best(query).occluded == 1
 
@@ -182,12 +174,9 @@ def test_the_search_by_hand_finds_what_a_loop_finds(seed: int, shapes: int, want
         x, y, z = rng.uniform(0.05, 0.2, 3)
         balls_and_boxes.append(Sphere(x / 2) if rng.random() < 0.5 else Box((x, y, z)))
     occlusions = tuple(
-        Occlusion(f"o{i}", shape, random_pose(rng), 0.01 * (i % 3))
-        for i, shape in enumerate(balls_and_boxes)
+        Occlusion(f"o{i}", shape, random_pose(rng), 0.01 * (i % 3)) for i, shape in enumerate(balls_and_boxes)
     )
-    with SolutionArchive(
-        ":memory:", OBJECT, hand_volume=by_quality(hands), approach_axis=APPROACH_AXIS
-    ) as archive:
+    with SolutionArchive(":memory:", OBJECT, hand_volume=by_quality(hands), approach_axis=APPROACH_AXIS) as archive:
         for trial in trials:
             archive.add(trial)
         query = BestGraspQuery(occlusions, wanted, rule=BlockingRule.HAND, approach_length=0.1)

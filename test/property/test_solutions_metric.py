@@ -41,9 +41,7 @@ def test_it_does_not_depend_on_the_frame(w: float, a: Pose, b: Pose, c: Pose) ->
 
 @settings(max_examples=60, deadline=None)
 @given(w=weights, axis=unit_vectors(3), a=poses(), b=poses())
-def test_with_an_axis_it_is_the_least_over_all_turns(
-    w: float, axis: FloatArray, a: Pose, b: Pose
-) -> None:
+def test_with_an_axis_it_is_the_least_over_all_turns(w: float, axis: FloatArray, a: Pose, b: Pose) -> None:
     symmetric = PoseMetric(w, (axis[0], axis[1], axis[2])).distance(a, b)
     angles = np.linspace(-np.pi, np.pi, 3601)
     turns = Rotation.from_rotvec(angles[:, None] * axis)

@@ -34,9 +34,7 @@ def mesh_of(shape: Shape) -> trimesh.Trimesh:
 
 def is_inside_convex(mesh: trimesh.Trimesh, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Inside by the half-spaces of the faces; the second array tells which points are not near a face."""
-    heights = np.einsum(
-        "pfk,fk->pf", points[:, None] - mesh.triangles_center[None], mesh.face_normals
-    ).max(axis=1)
+    heights = np.einsum("pfk,fk->pf", points[:, None] - mesh.triangles_center[None], mesh.face_normals).max(axis=1)
     # Flat faces lie up to 0.3 mm inside the round shape of 0.3 m that they stand for.
     return heights <= 0.0, np.abs(heights) > 5e-4
 
@@ -84,9 +82,7 @@ def test_distances_change_no_more_than_the_point_moves(shape: Shape, pose: Pose,
 @pytest.mark.parametrize("kind", [Box, Sphere, Cylinder, Cone])
 @settings(deadline=None, max_examples=40)
 @given(data=st.data(), pose=poses(), seed=st.integers(0, 2**32 - 1))
-def test_containment_agrees_with_a_mesh(
-    kind: type[Shape], data: st.DataObject, pose: Pose, seed: int
-) -> None:
+def test_containment_agrees_with_a_mesh(kind: type[Shape], data: st.DataObject, pose: Pose, seed: int) -> None:
     sizes = {Box: 3, Sphere: 1, Cylinder: 2, Cone: 2}
     values = data.draw(st.lists(lengths, min_size=sizes[kind], max_size=sizes[kind]))
     shape = Box(tuple(values)) if kind is Box else kind(*values)  # type: ignore[arg-type]

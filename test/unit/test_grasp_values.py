@@ -38,9 +38,7 @@ def test_a_pose_and_its_inverse_cancel(pose: Pose) -> None:
 @given(poses(), arrays(np.float64, (5, 3), elements=COORDINATES))
 def test_points_move_as_by_the_matrix(pose: Pose, points: np.ndarray) -> None:
     homogeneous = np.column_stack([points, np.ones(len(points))])
-    np.testing.assert_allclose(
-        pose.transform_points(points), (homogeneous @ pose.matrix.T)[:, :3], atol=1e-9
-    )
+    np.testing.assert_allclose(pose.transform_points(points), (homogeneous @ pose.matrix.T)[:, :3], atol=1e-9)
 
 
 @given(poses())

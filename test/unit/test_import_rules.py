@@ -64,7 +64,9 @@ BETWEEN_ROOMS = ("mebo_grasp.hand_volumes", "mebo_grasp.grasp_page")
 BELOW_NODES = (*GROUND, *THREE_ROOMS, *BETWEEN_ROOMS, "mebo_grasp.experiments", "msg_adapters")
 # Value types of the solutions room that have a message.
 SOLUTION_VALUES = (
-    "mebo_grasp.solutions.frames", "mebo_grasp.solutions.occlusion", "mebo_grasp.solutions.solution_set",
+    "mebo_grasp.solutions.frames",
+    "mebo_grasp.solutions.occlusion",
+    "mebo_grasp.solutions.solution_set",
 )
 
 ROOMS = (

@@ -38,9 +38,7 @@ _COMPOSITIONS = {
     "cf4_20d": 20,
 }
 
-_Simple = tuple[
-    int, VectorFunction, Callable[[], FloatArray], tuple[float, ...], tuple[float, ...], float, float
-]
+_Simple = tuple[int, VectorFunction, Callable[[], FloatArray], tuple[float, ...], tuple[float, ...], float, float]
 # number, function, optima, lower, upper, optimum value, niche radius
 _SIMPLE: dict[str, _Simple] = {
     "five_uneven_peak_trap": (

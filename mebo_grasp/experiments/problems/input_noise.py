@@ -121,7 +121,5 @@ def get_noisy_input_problem(name: str) -> NoisyInputProblem:
         InvalidSettingsError: there is no such function.
     """
     if name not in _PROBLEMS:
-        raise InvalidSettingsError(
-            f"function must be one of {', '.join(NOISY_INPUT_FUNCTIONS)}, got {name!r}"
-        )
+        raise InvalidSettingsError(f"function must be one of {', '.join(NOISY_INPUT_FUNCTIONS)}, got {name!r}")
     return _PROBLEMS[name]()

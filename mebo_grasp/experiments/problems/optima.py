@@ -41,8 +41,7 @@ def himmelblau() -> FloatArray:
     """The four real solutions of x^2 + y = 11, x + y^2 = 7, shape (4, 2)."""
     starts = [(3.0, 2.0), (-2.8, 3.1), (-3.8, -3.3), (3.6, -1.8)]
     solutions = [
-        fsolve(lambda p: (p[0] ** 2 + p[1] - 11.0, p[0] + p[1] ** 2 - 7.0), start, xtol=1e-13)
-        for start in starts
+        fsolve(lambda p: (p[0] ** 2 + p[1] - 11.0, p[0] + p[1] ** 2 - 7.0), start, xtol=1e-13) for start in starts
     ]
     return np.array(solutions, dtype=np.float64)
 
@@ -90,9 +89,7 @@ def shubert(dim: int) -> FloatArray:
     greatest with exactly one lowest factor.
     """
     highest, lowest = _shubert_axis_extrema()
-    points = [
-        _grid([lowest if axis == negative else highest for axis in range(dim)]) for negative in range(dim)
-    ]
+    points = [_grid([lowest if axis == negative else highest for axis in range(dim)]) for negative in range(dim)]
     return np.concatenate(points)
 
 

@@ -57,15 +57,13 @@ class Problem:
             object.__setattr__(self, what, values)
         if self.lower.shape != (self.dim,) or self.upper.shape != (self.dim,):
             raise InvalidSettingsError(
-                f"bounds of {self.name} must have shape ({self.dim},), "
-                f"got {self.lower.shape} and {self.upper.shape}"
+                f"bounds of {self.name} must have shape ({self.dim},), got {self.lower.shape} and {self.upper.shape}"
             )
         if not np.all(np.isfinite(self.lower) & np.isfinite(self.upper) & (self.lower < self.upper)):
             raise InvalidSettingsError(f"bounds of {self.name} must be finite and ordered")
         if self.optima.shape != (self.n_optima, self.dim):
             raise InvalidSettingsError(
-                f"optima of {self.name} must have shape ({self.n_optima}, {self.dim}), "
-                f"got {self.optima.shape}"
+                f"optima of {self.name} must have shape ({self.n_optima}, {self.dim}), got {self.optima.shape}"
             )
 
     def __call__(self, points: npt.ArrayLike) -> FloatArray:
@@ -82,9 +80,7 @@ class Problem:
         """
         X = np.asarray(points, dtype=np.float64)
         if X.ndim != 2 or X.shape[1] != self.dim:
-            raise InvalidSettingsError(
-                f"points for {self.name} must have shape (n, {self.dim}), got {X.shape}"
-            )
+            raise InvalidSettingsError(f"points for {self.name} must have shape (n, {self.dim}), got {X.shape}")
         slack = 1e-9 * (self.upper - self.lower)
         inside = (self.lower - slack <= X) & (self.upper + slack >= X)
         if not np.all(inside):

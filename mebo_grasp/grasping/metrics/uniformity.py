@@ -97,7 +97,5 @@ def uniformity(
     G = grasp_matrix("hard", positions, normals, center, torque_length)
     if singular_ratio(G) == 0.0:
         return 0.0
-    J = np.einsum(
-        "nak,nkj->naj", contact_frames(normals), hand_jacobian(hand, posture, T_object_tcp, contacts)
-    )
+    J = np.einsum("nak,nkj->naj", contact_frames(normals), hand_jacobian(hand, posture, T_object_tcp, contacts))
     return singular_ratio(hand_object_jacobian(G, J.reshape(-1, J.shape[2])))

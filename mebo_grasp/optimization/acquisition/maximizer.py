@@ -77,9 +77,7 @@ def climb(
         return -float(value[0]), -np.nan_to_num(gradient[0])
 
     bounds = list(zip(lower, upper, strict=True))
-    result = minimize(
-        objective, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": max_iterations}
-    )
+    result = minimize(objective, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": max_iterations})
     point = np.clip(result.x, lower, upper)
     return point, float(function(point[None])[0])
 

@@ -111,9 +111,7 @@ class MethodSettings:
             if not 0.0 <= getattr(self, name) < float("inf"):
                 raise InvalidSettingsError(f"{name} must be finite and at least 0, got {getattr(self, name)}")
         if not 0.0 < self.cluster_share <= 1.0:
-            raise InvalidSettingsError(
-                f"cluster_share must lie above 0 and up to 1, got {self.cluster_share}"
-            )
+            raise InvalidSettingsError(f"cluster_share must lie above 0 and up to 1, got {self.cluster_share}")
         if self.num_solutions is not None and self.num_solutions < 1:
             raise InvalidSettingsError(f"num_solutions must be at least 1 or unset, got {self.num_solutions}")
         self._check_solutions()
@@ -124,9 +122,7 @@ class MethodSettings:
         choices = (("kernel", KERNEL_NAMES), ("warp", WARP_NAMES), ("learning", LEARNING_NAMES))
         for name, known in choices:
             if getattr(self, name) not in known:
-                raise InvalidSettingsError(
-                    f"{name} must be one of {', '.join(known)}, got {getattr(self, name)!r}"
-                )
+                raise InvalidSettingsError(f"{name} must be one of {', '.join(known)}, got {getattr(self, name)!r}")
         if self.kernel == EVIDENCE and (self.warp, self.learning) != (WARP_NAMES[0], LEARNING_NAMES[0]):
             raise InvalidSettingsError(
                 f"kernel {EVIDENCE} chooses the warp itself and learns by {LEARNING_NAMES[0]}, got warp "
@@ -146,9 +142,7 @@ class MethodSettings:
 
     def _check_tree(self) -> None:
         if self.surrogate not in SURROGATE_NAMES:
-            raise InvalidSettingsError(
-                f"surrogate must be one of {', '.join(SURROGATE_NAMES)}, got {self.surrogate!r}"
-            )
+            raise InvalidSettingsError(f"surrogate must be one of {', '.join(SURROGATE_NAMES)}, got {self.surrogate!r}")
         if self.surrogate == TREED_GP and self.kernel == EVIDENCE:
             raise InvalidSettingsError(
                 f"surrogate {TREED_GP} needs a kernel of its own, got {EVIDENCE}: name another kernel"
@@ -170,9 +164,7 @@ class MethodSettings:
         if self.threshold is not None and not isfinite(self.threshold):
             raise InvalidSettingsError(f"threshold must be finite or unset, got {self.threshold}")
         if self.min_distance is not None and not 0.0 < self.min_distance < float("inf"):
-            raise InvalidSettingsError(
-                f"min_distance must be finite and above 0 or unset, got {self.min_distance}"
-            )
+            raise InvalidSettingsError(f"min_distance must be finite and above 0 or unset, got {self.min_distance}")
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Self:
@@ -183,9 +175,7 @@ class MethodSettings:
             TypeError: a name is unknown.
         """
         noise = values.get("input_noise")
-        return (
-            cls(**values) if noise is None else cls(**{**values, "input_noise": InputNoise.from_json(noise)})
-        )
+        return cls(**values) if noise is None else cls(**{**values, "input_noise": InputNoise.from_json(noise)})
 
 
 @dataclass(frozen=True, eq=False)

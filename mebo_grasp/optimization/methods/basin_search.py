@@ -118,14 +118,9 @@ class BasinSearch(MethodBase):
     def _select(self, beliefs: Beliefs, count: int, rng: np.random.Generator) -> FloatArray:
         levels = [level_of(belief) for belief in beliefs.members]
         candidates = np.concatenate(
-            [
-                find_candidates(belief, level, rng)
-                for belief, level in zip(beliefs.members, levels, strict=True)
-            ]
+            [find_candidates(belief, level, rng) for belief, level in zip(beliefs.members, levels, strict=True)]
         )
-        views = [
-            look(belief, candidates, level) for belief, level in zip(beliefs.members, levels, strict=True)
-        ]
+        views = [look(belief, candidates, level) for belief, level in zip(beliefs.members, levels, strict=True)]
         picks: list[FloatArray] = []
         for _ in range(count):
             turn = self._proposed % SET_PERIOD
@@ -145,8 +140,7 @@ class BasinSearch(MethodBase):
         """The candidate that promises most for the set of ``size`` diverse points, refined, shape (d,)."""
         sides, distance = self.metric()
         slots = [
-            slot_values(view.belief.U * sides, view.belief.y, view.candidates * sides, size, distance)
-            for view in views
+            slot_values(view.belief.U * sides, view.belief.y, view.candidates * sides, size, distance) for view in views
         ]
         return most_promising(beliefs, views, slots)
 
@@ -163,9 +157,7 @@ class BasinSearch(MethodBase):
         belief = self.surrogate.belief(observations.U, observations.y)
         level = level_of(belief)
         floor = level.best - 0.5 * level.spread
-        return basins.representatives(
-            belief, observations.U, observations.y, 10 * level.slack, size, floor
-        )
+        return basins.representatives(belief, observations.U, observations.y, 10 * level.slack, size, floor)
 
     def state(self) -> dict[str, Any]:
         """Phase and the surrogate's state."""
@@ -203,9 +195,7 @@ def most_promising(beliefs: Beliefs, views: list[View], incumbents: list[FloatAr
     return refine(view.belief, view.candidates[best], float(incumbents[member][best]), None)
 
 
-def pick(
-    beliefs: Beliefs, views: list[View], late_turn: int, rng: np.random.Generator
-) -> tuple[FloatArray, str]:
+def pick(beliefs: Beliefs, views: list[View], late_turn: int, rng: np.random.Generator) -> tuple[FloatArray, str]:
     """The candidate with the highest expected score, refined, shape (d,), and why it is taken.
 
     Args:

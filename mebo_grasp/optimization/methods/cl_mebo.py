@@ -91,9 +91,7 @@ class ClMebo(EMebo):
             float(observations.y[clusters[own].members].max()), np.stack([c.centroid for c in clusters]), own
         )
         n_candidates = 1 if n == 1 else n * CANDIDATES_PER_POINT
-        candidates = draw(
-            posterior, [acquisition], rng, self.boltzmann, n_candidates, box, self.transform
-        )[0]
+        candidates = draw(posterior, [acquisition], rng, self.boltzmann, n_candidates, box, self.transform)[0]
         chosen: FloatArray = candidates[most_distant_subset(candidates, n)]
         return chosen
 
@@ -112,9 +110,5 @@ class ClMebo(EMebo):
         # A fixed seed: the answer depends on the observations alone, however often it is asked for.
         rng = np.random.default_rng(0)
         ranking = self.ranking(observations)
-        clusters = find_clusters(
-            observations.U, ranking, wanted, scale, distance, rng, merge=False, lowest_decile=0
-        )
-        return best_combination(
-            observations.U * scale, ranking, [cluster.members for cluster in clusters], distance
-        )
+        clusters = find_clusters(observations.U, ranking, wanted, scale, distance, rng, merge=False, lowest_decile=0)
+        return best_combination(observations.U * scale, ranking, [cluster.members for cluster in clusters], distance)

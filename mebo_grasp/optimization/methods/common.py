@@ -104,9 +104,7 @@ class MethodBase:
         self._phase = str(state.get("phase", self.name))
 
 
-def without_repeats(
-    points: FloatArray, observations: Observations, rng: np.random.Generator
-) -> FloatArray:
+def without_repeats(points: FloatArray, observations: Observations, rng: np.random.Generator) -> FloatArray:
     """Move points that were tried or are being tried already.
 
     The trials are deterministic, so a repeated point teaches nothing, and a failed one would fail again. A

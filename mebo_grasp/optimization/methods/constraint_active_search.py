@@ -62,14 +62,10 @@ class ConstraintActiveSearch(SurrogateMethod):
         candidates = pool[np.argsort(-chance, kind="stable")[:N_CANDIDATES]]
         offsets = ball_offsets(N_OFFSETS, dim, rng)
         for sd_step in (0.3, 0.1):
-            worth = expected_coverage_improvement(
-                posterior, candidates, offsets, tried, threshold, scale, radius
-            )
+            worth = expected_coverage_improvement(posterior, candidates, offsets, tried, threshold, scale, radius)
             best = candidates[int(np.argmax(worth))]
             moves = sd_step * (radius / scale) * rng.standard_normal((N_REFINED, dim))
             candidates = np.concatenate([best[None], np.clip(best + moves, 0.0, 1.0)])
-        worth = expected_coverage_improvement(
-            posterior, candidates, offsets, tried, threshold, scale, radius
-        )
+        worth = expected_coverage_improvement(posterior, candidates, offsets, tried, threshold, scale, radius)
         chosen: FloatArray = candidates[int(np.argmax(worth))]
         return chosen

@@ -48,9 +48,7 @@ class EMebo(Mebo):
         """Draw T candidates a point and keep the most distant subset, shape (count, d)."""
         self._phase = "explorative"
         acquisitions = self.acquisitions(observations, count)
-        candidates = draw(
-            posterior, acquisitions, rng, self.boltzmann, CANDIDATES_PER_POINT, transform=self.transform
-        )
+        candidates = draw(posterior, acquisitions, rng, self.boltzmann, CANDIDATES_PER_POINT, transform=self.transform)
         candidates = candidates.reshape(-1, posterior.dim)
         return candidates[most_distant_subset(candidates, count)]
 

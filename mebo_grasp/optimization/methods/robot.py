@@ -97,9 +97,7 @@ class Robot(SurrogateMethod):
                 del self._assigned[i]
                 return
 
-    def _draw(
-        self, posterior: Posterior, centres: FloatArray, rank: int, rng: np.random.Generator
-    ) -> FloatArray:
+    def _draw(self, posterior: Posterior, centres: FloatArray, rank: int, rng: np.random.Generator) -> FloatArray:
         """Thompson sample in one region, subject to the distance from the centres before it, shape (d,)."""
         lower, upper = self._regions[rank].box(centres[rank], posterior.lengthscales)
         candidates = candidates_in_box(lower, upper, centres[rank], rng)

@@ -15,8 +15,7 @@ from mebo_grasp.optimization.surrogate.treed_surrogate import TreedSurrogate, Tr
 from mebo_grasp.optimization.surrogate.warping import KumaraswamyWarp, MappedKernel
 
 _KERNELS: dict[str, Kernel] = {
-    kernel.name: kernel
-    for kernel in (MATERN52, SQUARED_EXPONENTIAL, ADDITIVE_MATERN52, ADDITIVE_SQUARED_EXPONENTIAL)
+    kernel.name: kernel for kernel in (MATERN52, SQUARED_EXPONENTIAL, ADDITIVE_MATERN52, ADDITIVE_SQUARED_EXPONENTIAL)
 }
 
 

@@ -256,7 +256,11 @@ def refine(
 
     lower, upper = box if box is not None else (np.zeros(len(start)), np.ones(len(start)))
     result = minimize(
-        objective, start, jac=True, method="L-BFGS-B", bounds=list(zip(lower, upper, strict=True)),
+        objective,
+        start,
+        jac=True,
+        method="L-BFGS-B",
+        bounds=list(zip(lower, upper, strict=True)),
         options={"maxiter": 30, "ftol": REFINED},
     )
     before = objective(start)[0]

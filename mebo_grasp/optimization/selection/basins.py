@@ -108,9 +108,7 @@ def search_net(posterior: GaussianProcess | Belief, size: int, rng: np.random.Ge
     if not isinstance(posterior.kernel, MappedKernel):
         return net
     half = size // 2
-    return np.concatenate(
-        [net[:half], unmapped(posterior.kernel, posterior.hyperparameters.theta, net[half:])]
-    )
+    return np.concatenate([net[:half], unmapped(posterior.kernel, posterior.hyperparameters.theta, net[half:])])
 
 
 def local_net(posterior: GaussianProcess | Belief, size: int, rng: np.random.Generator) -> FloatArray:

@@ -47,9 +47,7 @@ class BoltzmannSettings:
         if not 0.0 <= self.beta < float("inf"):
             raise InvalidSettingsError(f"boltzmann beta must be finite and at least 0, got {self.beta}")
         if self.burn_in < 1 or self.chains < 1:
-            raise InvalidSettingsError(
-                f"burn_in and chains must be at least 1, got {self.burn_in} and {self.chains}"
-            )
+            raise InvalidSettingsError(f"burn_in and chains must be at least 1, got {self.burn_in} and {self.chains}")
 
 
 @dataclass(frozen=True, eq=False)

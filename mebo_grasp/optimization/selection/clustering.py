@@ -90,9 +90,7 @@ def inertia(X: FloatArray, centres: FloatArray, labels: IndexArray) -> float:
     return float(np.sum((X - centres[labels]) ** 2))
 
 
-def kmeans(
-    X: FloatArray, k: int, rng: np.random.Generator, repeats: int = 5
-) -> tuple[FloatArray, IndexArray]:
+def kmeans(X: FloatArray, k: int, rng: np.random.Generator, repeats: int = 5) -> tuple[FloatArray, IndexArray]:
     """Best of several k-means++ starts. Returns (centres (k, d), labels (n,)).
 
     Raises:

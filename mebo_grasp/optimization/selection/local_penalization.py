@@ -97,9 +97,7 @@ def log_softplus(values: FloatArray) -> FloatArray:
     return np.where(values < -30.0, values, np.log(np.maximum(soft, 1e-300)))
 
 
-def penalized(
-    worth: PointFunction, penalizer: LocalPenalizer, centre: float, scale: float
-) -> NumericGradient:
+def penalized(worth: PointFunction, penalizer: LocalPenalizer, centre: float, scale: float) -> NumericGradient:
     """Return log(softplus(worth) · penalty) as a worth.
 
     Args:

@@ -12,9 +12,7 @@ from mebo_grasp.quality_diversity import best_combination as best_rows
 IndexArray = npt.NDArray[np.int64]
 
 
-def best_combination(
-    X: FloatArray, y: FloatArray, clusters: list[IndexArray], min_distance: float
-) -> IndexArray:
+def best_combination(X: FloatArray, y: FloatArray, clusters: list[IndexArray], min_distance: float) -> IndexArray:
     """Choose one point of each cluster so that QD is greatest.
 
     Qualities are measured from the worst value observed, because a product with negative values would

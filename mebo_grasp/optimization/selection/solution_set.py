@@ -12,9 +12,7 @@ DEFAULT_SHARE = 0.1
 """Default smallest distance as a share of the unit cube's diagonal."""
 
 
-def greedy_diverse_set(
-    X: FloatArray, y: FloatArray, size: int | None, min_distance: float
-) -> npt.NDArray[np.int64]:
+def greedy_diverse_set(X: FloatArray, y: FloatArray, size: int | None, min_distance: float) -> npt.NDArray[np.int64]:
     """Walk through the points from the best down and keep each that is far enough from those kept.
 
     Args:
@@ -38,9 +36,7 @@ def greedy_diverse_set(
     return np.array(kept, dtype=np.int64)
 
 
-def slot_values(
-    X: FloatArray, y: FloatArray, candidates: FloatArray, size: int, min_distance: float
-) -> FloatArray:
+def slot_values(X: FloatArray, y: FloatArray, candidates: FloatArray, size: int, min_distance: float) -> FloatArray:
     """Value that each candidate has to exceed to improve the greedy diverse set, shape (m,).
 
     That is the best of the set nearer to it than ``min_distance``, which it would displace, or the last one of a

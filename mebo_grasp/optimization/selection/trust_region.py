@@ -57,9 +57,7 @@ def improves(value: float, incumbent: float) -> bool:
     return value > incumbent + MIN_IMPROVEMENT * abs(incumbent)
 
 
-def candidates_in_box(
-    lower: FloatArray, upper: FloatArray, centre: FloatArray, rng: np.random.Generator
-) -> FloatArray:
+def candidates_in_box(lower: FloatArray, upper: FloatArray, centre: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Sobol candidates of which, in high dimension, only about 20 coordinates differ from the centre.
 
     Returns:

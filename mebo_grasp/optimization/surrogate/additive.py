@@ -140,9 +140,7 @@ class SumKernel:
     def parameter_gradient(self, U: FloatArray, theta: FloatArray, W: FloatArray) -> FloatArray:
         """Return sum_ij W_ij dk(u_i, u_j)/dtheta, shape (p,)."""
         one, two = self._split(theta, U.shape[1])
-        return np.concatenate(
-            [self.first.parameter_gradient(U, one, W), self.second.parameter_gradient(U, two, W)]
-        )
+        return np.concatenate([self.first.parameter_gradient(U, one, W), self.second.parameter_gradient(U, two, W)])
 
     def input_gradient(self, A: FloatArray, U: FloatArray, theta: FloatArray, W: FloatArray) -> FloatArray:
         """Return sum_j W_ij dk(a_i, u_j)/da_i, shape (m, d)."""

@@ -13,9 +13,7 @@ _SUMS = {"contract", "nsz", "arcp", "reassoc"}
 
 
 @njit(cache=True, nogil=True, fastmath=_FLAGS)
-def _parts(
-    x: float, column: FloatArray, smooth: bool, value: FloatArray, slope: FloatArray, power: FloatArray
-) -> None:
+def _parts(x: float, column: FloatArray, smooth: bool, value: FloatArray, slope: FloatArray, power: FloatArray) -> None:
     """Write k(x, b_j) and S_j = -dk/dx / (x - b_j) for one dimension and variance 1, each shape (n,)."""
     n = column.shape[0]
     if smooth:
@@ -79,9 +77,7 @@ def additive_input_gradient(
 
 
 @njit(cache=True, nogil=True, fastmath=_SUMS)
-def additive_gradient_sums(
-    B_T: FloatArray, W: FloatArray, variances: FloatArray, smooth: bool
-) -> FloatArray:
+def additive_gradient_sums(B_T: FloatArray, W: FloatArray, variances: FloatArray, smooth: bool) -> FloatArray:
     """Return sum_ij W_ij dk_ij/dtheta, shape (2 d,), for (log l_1 …, log v_1 …); upper triangle of W only."""
     dim, n = B_T.shape
     total = np.zeros(2 * dim)

@@ -152,8 +152,11 @@ class Belief:
         if chance is not None:
             chance = chance.condition_on(A, chance.predict_mean(A))
         return Belief(
-            np.concatenate([self.U, A]), np.concatenate([self.y, assumed]),
-            self.value.condition_on(A, assumed), chance, self.floor,
+            np.concatenate([self.U, A]),
+            np.concatenate([self.y, assumed]),
+            self.value.condition_on(A, assumed),
+            chance,
+            self.floor,
         )
 
 
@@ -220,9 +223,7 @@ class PlateauSurrogate:
         chance = self._labels.update(labels, rng)
         mixture = self._above.update(U[off], y[off], rng)
         floor = float(np.min(y))
-        return Beliefs(
-            tuple(Belief(U, y, value, chance, floor) for value in mixture.posteriors), mixture.shares
-        )
+        return Beliefs(tuple(Belief(U, y, value, chance, floor) for value in mixture.posteriors), mixture.shares)
 
     def state(self) -> dict[str, Any]:
         """What ``restore`` needs, as JSON values."""

@@ -48,9 +48,7 @@ class EmpiricalBayesSurrogate(RelearningSurrogate[GaussianProcess]):
     def _learn(self, observations: Observations, rng: np.random.Generator) -> None:
         z, _, _ = standardize(observations.y)
         current = self._hyperparameters if self._schedule.has_learned else None
-        self._hyperparameters, _ = learn(
-            observations.U, z, self._kernel, current, rng, self._learning, self._noise
-        )
+        self._hyperparameters, _ = learn(observations.U, z, self._kernel, current, rng, self._learning, self._noise)
 
     def _learned(self) -> dict[str, Any]:
         return {"vector": self._hyperparameters.vector.tolist()}

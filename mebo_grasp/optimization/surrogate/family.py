@@ -82,10 +82,7 @@ def family(dim: int) -> tuple[Structure, ...]:
     plain = coupled + additive
     if dim > MAX_WARPED_DIM:
         return tuple(plain)
-    warped = [
-        replace(structure, warp=StretchWarp() if structure.turned else KumaraswamyWarp())
-        for structure in plain
-    ]
+    warped = [replace(structure, warp=StretchWarp() if structure.turned else KumaraswamyWarp()) for structure in plain]
     return (*plain, *warped)
 
 
@@ -176,9 +173,7 @@ def _cold_starts(structure: Structure, dim: int) -> list[FloatArray]:
     return points
 
 
-def climb(
-    kernel: Kernel, U: FloatArray, z: FloatArray, start: FloatArray, iterations: int
-) -> tuple[FloatArray, float]:
+def climb(kernel: Kernel, U: FloatArray, z: FloatArray, start: FloatArray, iterations: int) -> tuple[FloatArray, float]:
     """Climb the log posterior density from ``start``; return where it ends and its value there."""
     return climb_posterior(start, U, z, kernel, prior_of(kernel, U.shape[1]), iterations)
 

@@ -309,9 +309,7 @@ class GaussianProcess:
         L[self.n :, self.n :] = cholesky(corner)
         return L
 
-    def sample_path(
-        self, rng: np.random.Generator, n_features: int = 1024
-    ) -> Callable[[FloatArray], FloatArray]:
+    def sample_path(self, rng: np.random.Generator, n_features: int = 1024) -> Callable[[FloatArray], FloatArray]:
         """Draw one function from the posterior.
 
         A prior draw by spectral features is corrected by the kernel to pass through the data (Wilson et

@@ -63,8 +63,7 @@ class LearningSettings:
         few = min(self.scout_points, self.max_points)
         if min(self.n_starts, self.max_iterations) < 1 or self.n_restarts < 0 or few < 2:
             raise InvalidSettingsError(
-                "need n_starts and max_iterations >= 1, n_restarts >= 0 and points >= 2, "
-                f"got {self}"
+                f"need n_starts and max_iterations >= 1, n_restarts >= 0 and points >= 2, got {self}"
             )
 
 
@@ -82,9 +81,7 @@ def log_posterior_and_gradient(
     return value + log_prior, gradient + prior_gradient
 
 
-def log_posterior(
-    vector: FloatArray, U: FloatArray, z: FloatArray, kernel: Kernel, prior: LogNormalPrior
-) -> float:
+def log_posterior(vector: FloatArray, U: FloatArray, z: FloatArray, kernel: Kernel, prior: LogNormalPrior) -> float:
     """Log posterior density of (theta, log noise), shape (p + 1,), up to a constant."""
     posterior = GaussianProcess.of_standardized(U, z, Hyperparameters.from_vector(vector), kernel)
     return posterior.log_marginal_likelihood() + prior.log_density_and_gradient(vector)[0]
@@ -150,16 +147,12 @@ def _scouted(
     mask = subset(z, settings.scout_points, rng)
     few_U, few_z = np.ascontiguousarray(U[mask]), z[mask]
     fresh = starts[1:] if first_is_known else starts
-    ends = [
-        climb_posterior(start, few_U, few_z, kernel, prior, settings.max_iterations)[0] for start in fresh
-    ]
+    ends = [climb_posterior(start, few_U, few_z, kernel, prior, settings.max_iterations)[0] for start in fresh]
     candidates = [*starts[:1], *ends] if first_is_known else ends
     return max(candidates, key=lambda vector: _height(vector, U, z, kernel, prior))
 
 
-def _height(
-    vector: FloatArray, U: FloatArray, z: FloatArray, kernel: Kernel, prior: LogNormalPrior
-) -> float:
+def _height(vector: FloatArray, U: FloatArray, z: FloatArray, kernel: Kernel, prior: LogNormalPrior) -> float:
     try:
         return log_posterior(vector, U, z, kernel, prior)
     except InvalidSettingsError:
@@ -217,6 +210,4 @@ def climb_posterior(
     max_iterations: int,
 ) -> tuple[FloatArray, float]:
     """Climb the log posterior density of (theta, log noise); see ``climb``."""
-    return climb(
-        lambda vector: log_posterior_and_gradient(vector, U, z, kernel, prior), prior, start, max_iterations
-    )
+    return climb(lambda vector: log_posterior_and_gradient(vector, U, z, kernel, prior), prior, start, max_iterations)

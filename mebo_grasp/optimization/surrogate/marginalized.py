@@ -46,9 +46,7 @@ class MarginalizedSurrogate(RelearningSurrogate[MixtureProcess]):
     def _learn(self, observations: Observations, rng: np.random.Generator) -> None:
         z, _, _ = standardize(observations.y)
         current = self._draws[-1] if self._schedule.has_learned else None
-        self._draws = sample_hyperparameters(
-            observations.U, z, rng, self._kernel, current, self._sampling, self._noise
-        )
+        self._draws = sample_hyperparameters(observations.U, z, rng, self._kernel, current, self._sampling, self._noise)
 
     def _learned(self) -> dict[str, Any]:
         return {"draws": [draw.vector.tolist() for draw in self._draws]}

@@ -76,9 +76,7 @@ class MixtureProcess:
         mean = self._mean(means)
         return mean, np.sqrt(self._variance(mean, means, sds))
 
-    def _variance(
-        self, mean: FloatArray, means: Sequence[FloatArray], sds: Sequence[FloatArray]
-    ) -> FloatArray:
+    def _variance(self, mean: FloatArray, means: Sequence[FloatArray], sds: Sequence[FloatArray]) -> FloatArray:
         return self._mean([sd**2 + (own - mean) ** 2 for own, sd in zip(means, sds, strict=True)])
 
     def predict_mean(self, A: FloatArray) -> FloatArray:
@@ -103,9 +101,7 @@ class MixtureProcess:
         """Each member with further points A, shape (m, d), and values, shape (m,)."""
         return MixtureProcess(tuple(m.condition_on(A, values) for m in self.members), self.shares)
 
-    def sample_path(
-        self, rng: np.random.Generator, n_features: int = 1024
-    ) -> Callable[[FloatArray], FloatArray]:
+    def sample_path(self, rng: np.random.Generator, n_features: int = 1024) -> Callable[[FloatArray], FloatArray]:
         """Draw one function: a member by its share first, then a function of it."""
         member = self.members[int(rng.choice(len(self.members), p=self.shares))]
         return member.sample_path(rng, n_features)

@@ -136,9 +136,7 @@ def _matern52_parts(row: FloatArray, values: FloatArray, power: FloatArray, vari
 
 
 @njit(cache=True, nogil=True, fastmath=_FLAGS)
-def _squared_exponential_parts(
-    row: FloatArray, values: FloatArray, power: FloatArray, variance: float
-) -> None:
+def _squared_exponential_parts(row: FloatArray, values: FloatArray, power: FloatArray, variance: float) -> None:
     """Like ``_matern52_parts`` for the squared exponential, whose slope equals its value."""
     for j in range(row.shape[0]):
         row[j] *= -0.5

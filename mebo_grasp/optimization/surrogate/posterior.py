@@ -53,9 +53,7 @@ class Posterior(Protocol):
     def condition_on(self, A: FloatArray, values: FloatArray) -> Self:
         """The belief with further points and values, shape (m,)."""
 
-    def sample_path(
-        self, rng: np.random.Generator, n_features: int = 1024
-    ) -> Callable[[FloatArray], FloatArray]:
+    def sample_path(self, rng: np.random.Generator, n_features: int = 1024) -> Callable[[FloatArray], FloatArray]:
         """Draw one function."""
 
 

@@ -43,9 +43,7 @@ class SamplingSettings:
 
     def __post_init__(self) -> None:
         if self.n_samples < 1 or min(self.burn_in, self.warm_burn_in) < 0 or self.max_points < 2:
-            raise InvalidSettingsError(
-                f"need n_samples >= 1, burn-ins >= 0 and max_points >= 2, got {self}"
-            )
+            raise InvalidSettingsError(f"need n_samples >= 1, burn-ins >= 0 and max_points >= 2, got {self}")
         if not 0.0 < self.width < float("inf"):
             raise InvalidSettingsError(f"the width must be finite and above 0, got {self.width}")
 

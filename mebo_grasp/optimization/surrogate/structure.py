@@ -210,9 +210,7 @@ class StructuredSurrogate:
             known = {other.structure: other.vector for other in learned if np.isfinite(other.value)}
             hopeful = member.value >= best - self._settings.contention
             learned.append(
-                self._learned(member, *data, known, cold=not thorough)
-                if hopeful
-                else replace(member, evidence=-np.inf)
+                self._learned(member, *data, known, cold=not thorough) if hopeful else replace(member, evidence=-np.inf)
             )
         self._members = learned
         self._compared_at = len(y)
@@ -244,9 +242,7 @@ class StructuredSurrogate:
             ends.append(self._started(member, U, z, known))
         return max(ends, key=lambda end: end.value)
 
-    def _started(
-        self, member: Member, U: FloatArray, z: FloatArray, known: dict[Structure, FloatArray]
-    ) -> Member:
+    def _started(self, member: Member, U: FloatArray, z: FloatArray, known: dict[Structure, FloatArray]) -> Member:
         """A few steps from all the starting points and a few more from the best."""
         iterations = self._settings.scout_iterations
         points = starts(member.structure, self._dim, known)
@@ -295,8 +291,7 @@ class StructuredSurrogate:
         """
         try:
             members = [
-                _restored(member, record)
-                for member, record in zip(self._members, state["members"], strict=True)
+                _restored(member, record) for member, record in zip(self._members, state["members"], strict=True)
             ]
             believed = tuple(int(i) for i in state["believed"])
             compared_at = int(state["compared_at"])
@@ -313,9 +308,7 @@ def _restored(member: Member, record: dict[str, Any]) -> Member:
     vector = np.array(record["vector"], dtype=np.float64)
     if record["kernel"] != member.kernel.name or vector.shape != member.vector.shape:
         raise ValueError(f"expected {member.kernel.name}, got {record['kernel']!r}")
-    value, evidence = (
-        -np.inf if record[key] is None else float(record[key]) for key in ("value", "evidence")
-    )
+    value, evidence = (-np.inf if record[key] is None else float(record[key]) for key in ("value", "evidence"))
     return Member(member.structure, vector, value, evidence)
 
 

@@ -107,9 +107,7 @@ class TreedProcess:
             leaves[number] = leaves[number].condition_on(A[rows], np.asarray(values)[rows])
         return replace(self, leaves=tuple(leaves), U=np.concatenate([self.U, A]))
 
-    def sample_path(
-        self, rng: np.random.Generator, n_features: int = 1024
-    ) -> Callable[[FloatArray], FloatArray]:
+    def sample_path(self, rng: np.random.Generator, n_features: int = 1024) -> Callable[[FloatArray], FloatArray]:
         """Draw one function, independently in each leaf."""
         paths = [leaf.sample_path(rng, n_features) for leaf in self.leaves]
 

@@ -83,7 +83,7 @@ class KumaraswamyWarp:
     def forward(self, U: FloatArray, phi: FloatArray) -> FloatArray:
         """Warped points, shape (m, d)."""
         a, b = self._split(phi)
-        warped: FloatArray = -np.expm1(b * np.log1p(-self._drawn_in(U) ** a))
+        warped: FloatArray = -np.expm1(b * np.log1p(-(self._drawn_in(U) ** a)))
         return warped
 
     def pull_back(self, U: FloatArray, phi: FloatArray, G: FloatArray) -> FloatArray:
@@ -271,9 +271,7 @@ class MappedKernel:
         symmetric = np.triu(W, 1)
         symmetric += symmetric.T
         G = 2.0 * self.base.input_gradient(V, V, inner, symmetric)
-        return np.concatenate(
-            [self.base.parameter_gradient(V, inner, W), self.map.parameter_gradient(U, phi, G)]
-        )
+        return np.concatenate([self.base.parameter_gradient(V, inner, W), self.map.parameter_gradient(U, phi, G)])
 
     def input_gradient(self, A: FloatArray, U: FloatArray, theta: FloatArray, W: FloatArray) -> FloatArray:
         """Return sum_j W_ij dk(a_i, u_j)/da_i, shape (m, d)."""

@@ -188,13 +188,11 @@ def test_show_writes_picture_and_page_of_what_the_filters_leave(
     assert UPPER_HALF in out
     assert (run_folder / "grasps.png").read_bytes().startswith(b"\x89PNG")
     page = (run_folder / "grasps.html").read_text(encoding="utf-8")
-    data = json.loads(page.split("application/json\">", 1)[1].split("</script>", 1)[0])
+    data = json.loads(page.split('application/json">', 1)[1].split("</script>", 1)[0])
     assert (len(data["grasps"]), len(data["occlusions"])) == (2, 1)
 
 
-def test_a_database_of_several_objects_needs_the_name(
-    run_folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_database_of_several_objects_needs_the_name(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = [StampedGrasp(1, Grasp(Pose.identity(), GraspOutcome.GRASPED, 0.7, object_id="mug"))]
     with SolutionArchive(run_folder / "trials.db", "mug") as archive:
         archive.add_many(other)

@@ -40,9 +40,9 @@ def test_all_of_a_trial_is_printed_and_drawn(tmp_path: Path, capsys: pytest.Capt
         (line,) = [line for line in printed.splitlines() if line.split()[:2] == [contact.link, "point"]]
         assert f"({point}) mm" in line
     for name, value in zip(grasp.hand_posture.names, grasp.hand_posture.positions, strict=True):
-        assert any(
-            line.split() == [name, f"{np.degrees(value):.2f}"] for line in printed.splitlines()
-        ), f"{name} is not printed"
+        assert any(line.split() == [name, f"{np.degrees(value):.2f}"] for line in printed.splitlines()), (
+            f"{name} is not printed"
+        )
     with Image.open(picture) as image:
         colors = np.asarray(image.convert("RGB")).reshape(-1, 3)
     assert len(np.unique(colors, axis=0)) > 1000

@@ -23,9 +23,7 @@ def test_the_thesiss_experiment_has_all_its_runs() -> None:
     definition = load_definition("thesis-grasp")
     # Three objects, two spaces, two qualities, six methods, ten seeds.
     assert len(definition.jobs) == 3 * 2 * 2 * 6 * 10
-    protocols = {
-        (job.as_dict()["space"], job.budget, job.n_initial, job.batch_size) for job in definition.jobs
-    }
+    protocols = {(job.as_dict()["space"], job.budget, job.n_initial, job.batch_size) for job in definition.jobs}
     assert protocols == {("position", 250, 25, 3), ("pose", 500, 25, 3)}
     assert [job.seed for job in definition.jobs] == sorted(job.seed for job in definition.jobs)
     assert {job.objective.wanted_set(0).size for job in definition.jobs if "drill" in job.key} == {3}
@@ -103,9 +101,7 @@ def test_what_is_wrong_is_refused_by_name(change: dict[str, Any], message: str) 
 
 
 def test_overrides_reach_all_parts() -> None:
-    definition = load_definition(
-        "thesis-grasp", {"budget": 30, "object": "vase", "seeds": [7], "methods": "random"}
-    )
+    definition = load_definition("thesis-grasp", {"budget": 30, "object": "vase", "seeds": [7], "methods": "random"})
     assert {job.budget for job in definition.jobs} == {30}
     assert {job.seed for job in definition.jobs} == {7}
     assert len(definition.jobs) == 2 * 2

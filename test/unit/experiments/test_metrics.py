@@ -165,9 +165,7 @@ def _score(found: int, values: list[float], first: float, last: float) -> RunSco
 
 
 def test_summary_weighs_values_by_optima_found() -> None:
-    summary = summarize(
-        [_score(2, [1.0, 3.0], 0.2, 0.4), _score(1, [7.0], 1.0, 1.0), _score(0, [], 1.0, 1.0)]
-    )
+    summary = summarize([_score(2, [1.0, 3.0], 0.2, 0.4), _score(1, [7.0], 1.0, 1.0), _score(0, [], 1.0, 1.0)])
     assert summary.runs == 3
     assert summary.peak_ratio == pytest.approx(3 / 6)
     assert summary.success_rate == pytest.approx(1 / 3)

@@ -149,8 +149,7 @@ def test_a_setting_reaches_the_parts_whose_objective_has_it() -> None:
 
 def _run(method: str, seed: int, means: list[float]) -> Run:
     notes = tuple(
-        Recommendation(7 + k, np.array([0.1]), NoisyOutcome(mean, 0.5, mean - 1.0))
-        for k, mean in enumerate(means)
+        Recommendation(7 + k, np.array([0.1]), NoisyOutcome(mean, 0.5, mean - 1.0)) for k, mean in enumerate(means)
     )
     trace = Trace(np.array([[0.1]]), np.array([1.0]), [], np.array([[0.1]]), notes, ("x",))
     result = {"resumed": False, "optimizer_cpu_seconds": 1.0, "versions": {"python": "3"}}

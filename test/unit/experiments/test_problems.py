@@ -153,17 +153,13 @@ def test_compositions_agree_with_ioh_where_it_is_installed() -> None:
         np.testing.assert_allclose(problem(X), [other(list(x)) for x in X], rtol=1e-8)
 
 
-@pytest.mark.parametrize(
-    ("family", "dim", "message"), [("CF5", 2, "must be one of"), ("CF4", 7, "dimensions")]
-)
+@pytest.mark.parametrize(("family", "dim", "message"), [("CF5", 2, "must be one of"), ("CF4", 7, "dimensions")])
 def test_unknown_composition_is_refused(family: str, dim: int, message: str) -> None:
     with pytest.raises(InvalidSettingsError, match=message):
         composition(family, dim)
 
 
-@pytest.mark.parametrize(
-    "points", [[[0.0]], [0.5, 0.5], [[0.5, np.nan]], [[0.5, 1.5]], [[np.inf, 0.5]], [[-0.1, 0.5]]]
-)
+@pytest.mark.parametrize("points", [[[0.0]], [0.5, 0.5], [[0.5, np.nan]], [[0.5, 1.5]], [[np.inf, 0.5]], [[-0.1, 0.5]]])
 def test_points_that_are_not_of_the_box_are_refused(points: list[list[float]]) -> None:
     with pytest.raises(InvalidSettingsError):
         get_problem("modified_rastrigin")(points)
@@ -215,9 +211,7 @@ def test_transformed_problem_keeps_value_number_and_box(name: str, seed: int) ->
     np.testing.assert_allclose(moved_gaps, moved.scale * gaps, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    "name", ["five_uneven_peak_trap", "equal_maxima", "himmelblau", "modified_rastrigin"]
-)
+@pytest.mark.parametrize("name", ["five_uneven_peak_trap", "equal_maxima", "himmelblau", "modified_rastrigin"])
 def test_transform_adds_no_optimum_and_loses_none(name: str) -> None:
     moved = transform(get_problem(name), 4)
     found = _maxima_by_search(moved, per_axis=3001 if moved.dim == 1 else 301)

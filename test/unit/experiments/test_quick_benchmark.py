@@ -42,17 +42,13 @@ def _printed_mebo() -> dict[str, float]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("problem", THESIS_FUNCTIONS)
-def test_default_method_finds_every_optimum(
-    problem: str, peak_ratios: dict[tuple[str, str], list[float]]
-) -> None:
+def test_default_method_finds_every_optimum(problem: str, peak_ratios: dict[tuple[str, str], list[float]]) -> None:
     assert peak_ratios[(default_method(), problem)] == [1.0] * SEEDS
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("problem", THESIS_FUNCTIONS)
-def test_mebo_is_no_worse_than_the_thesis_prints(
-    problem: str, peak_ratios: dict[tuple[str, str], list[float]]
-) -> None:
+def test_mebo_is_no_worse_than_the_thesis_prints(problem: str, peak_ratios: dict[tuple[str, str], list[float]]) -> None:
     # One standard error of three runs of a share: a run's PR moves in steps of 1 / n_optima at least.
     ours = peak_ratios[("mebo", problem)]
     spread = max(float(np.std(ours, ddof=1)), 0.05)

@@ -129,9 +129,7 @@ def test_a_cut_log_continues_to_the_same_trace_without_evaluating_a_point_twice(
 
 
 @pytest.mark.parametrize("from_the_end", [1, 2, 3, 4, 5, 8])
-def test_open_trials_of_a_cut_log_are_evaluated_before_new_ones_are_asked(
-    tmp_path: Path, from_the_end: int
-) -> None:
+def test_open_trials_of_a_cut_log_are_evaluated_before_new_ones_are_asked(tmp_path: Path, from_the_end: int) -> None:
     # The last lines are ask, tell, tell, tell: each cut leaves another number of open trials.
     run_job(MEBO, tmp_path)
     before = _trace(MEBO, tmp_path)

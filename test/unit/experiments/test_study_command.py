@@ -45,9 +45,7 @@ def test_the_quick_form_runs_whole_and_keeps_every_trial(quick: Path) -> None:
         (method, seed) for method in ("basin_search", "cl_mebo", "random") for seed in (0, 1)
     }
     for result in results:
-        records = [
-            json.loads(line) for line in (quick / "runs" / f"{result['key']}.jsonl").read_text().splitlines()
-        ]
+        records = [json.loads(line) for line in (quick / "runs" / f"{result['key']}.jsonl").read_text().splitlines()]
         assert sum(record["kind"] == "tell" for record in records) == 40
         assert records[0]["seed"] == result["job"]["seed"]
         assert 0.0 < result["best_value"] < 1.0
@@ -118,9 +116,7 @@ def test_a_cluster_without_its_package_or_scheduler_is_told(
     monkeypatch.setattr("mebo_grasp.experiments.cluster.CONNECT_SECONDS", 1)
     words = ["--only", "method=random", "--out", str(tmp_path), "--cluster", "tcp://127.0.0.1:1"]
     assert main([*QUICK, *words]) == 2
-    expected = (
-        "no Dask scheduler answers" if find_spec("distributed") else "pip install 'mebo_grasp[cluster]'"
-    )
+    expected = "no Dask scheduler answers" if find_spec("distributed") else "pip install 'mebo_grasp[cluster]'"
     assert expected in capsys.readouterr().err
 
 
@@ -146,12 +142,8 @@ def test_the_page_shows_tables_and_sets_in_a_browser_without_network(quick: Path
 
 
 def test_the_example_of_the_docs_finds_diverse_hyperparameters(tmp_path: Path) -> None:
-    code = next(
-        block for block in re.findall(r"```python\n(.*?)```", DOCS, re.DOTALL) if "DigitsSvm" in block
-    )
-    definition = next(
-        block for block in re.findall(r"```yaml\n(.*?)```", DOCS, re.DOTALL) if "DigitsSvm" in block
-    )
+    code = next(block for block in re.findall(r"```python\n(.*?)```", DOCS, re.DOTALL) if "DigitsSvm" in block)
+    definition = next(block for block in re.findall(r"```yaml\n(.*?)```", DOCS, re.DOTALL) if "DigitsSvm" in block)
     (tmp_path / "svm_objective.py").write_text(code)
     (tmp_path / "svm.yaml").write_text(definition)
     words = [

@@ -142,9 +142,7 @@ def test_table_d1_shows_both_readings_of_its_functions() -> None:
     [((2, 2, 2, 1), "yes"), ((1, 1, 1, 1), "NO"), ((2, 2, 2, 2), "yes")],
 )
 def test_methods_stand_against_the_thesiss_figures(found: tuple[int, ...], verdict: str) -> None:
-    results = [
-        _result("mebo", "five_uneven_peak_trap", seed, count, 2, 1.0) for seed, count in enumerate(found)
-    ]
+    results = [_result("mebo", "five_uneven_peak_trap", seed, count, 2, 1.0) for seed, count in enumerate(found)]
     table = _table("The thesis's methods against its own figures", results)
     assert [row[0] for row in table.rows] == ["mebo"]
     assert table.rows[0][2] == "4"
@@ -327,9 +325,7 @@ def test_bad_options_are_told_and_nothing_is_run(
     assert not list(tmp_path.rglob("*.jsonl"))
 
 
-def test_command_prints_and_writes_tables_and_plots(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_prints_and_writes_tables_and_plots(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--methods", "random", "--functions", "equal_maxima", "--seeds", "2", "--budget", "30"]
     code = cec2013_command.run(_arguments(*words, "--out", str(tmp_path), "--workers", "1"))
     shown = capsys.readouterr().out

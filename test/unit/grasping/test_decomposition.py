@@ -52,9 +52,7 @@ def test_parts_fill_the_solid_and_leave_the_hollow_free(tmp_path: Path) -> None:
 
 
 @needs_coacd
-def test_the_second_time_parts_come_from_the_cache_bit_by_bit(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_second_time_parts_come_from_the_cache_bit_by_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = convex_parts(angle_iron(), "iron", tmp_path)
     (file,) = tmp_path.iterdir()
     assert file.stem == content_key(angle_iron(), decomposition.coacd_version() or "")

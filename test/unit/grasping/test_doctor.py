@@ -144,9 +144,7 @@ def test_the_command_says_which_hand_is_used_and_ends_with_0(capsys: pytest.Capt
     assert "0 errors, 0 warnings" in printed
 
 
-def test_the_command_names_millimetres_and_ends_with_1(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_names_millimetres_and_ends_with_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     trimesh.creation.cylinder(30.0, 150.0).export(tmp_path / "tin.stl")
     assert main(["doctor", "--object", str(tmp_path / "tin.stl")]) == 1
     assert "it looks like millimetres, use scale 0.001" in capsys.readouterr().out

@@ -27,6 +27,7 @@ BOTTLE = OBJECTS["bottle"]
 SPACE_3D = position_space(BOTTLE, LEFT)
 SPACES_6D = {name: pose_space_6d(BOTTLE, hand) for name, hand in HANDS.items()}
 
+
 def shares(count: int) -> st.SearchStrategy[list[float]]:
     return st.lists(st.floats(0.0, 1.0), min_size=count, max_size=count)
 

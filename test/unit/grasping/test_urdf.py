@@ -35,9 +35,7 @@ def write(folder: Path, text: str) -> Path:
 def capsule_link(radius_of_caps: float, offset: float) -> str:
     """Return a link along its own y axis: a cylinder of radius 10 mm and 60 mm and two spheres."""
     ball = f'<geometry><sphere radius="{radius_of_caps}"/></geometry>'
-    spheres = "".join(
-        f'<collision><origin xyz="0 {sign * offset} 0"/>{ball}</collision>' for sign in (-1, 1)
-    )
+    spheres = "".join(f'<collision><origin xyz="0 {sign * offset} 0"/>{ball}</collision>' for sign in (-1, 1))
     return (
         '<robot name="r"><link name="bone"><collision><origin rpy="1.5707963267948966 0 0"/>'
         f'<geometry><cylinder radius="0.01" length="0.06"/></geometry></collision>{spheres}</link></robot>'

@@ -36,9 +36,7 @@ def test_old_markers_go_first_and_every_id_is_used_once() -> None:
 def test_hands_move_with_the_grasp_and_contacts_stay_on_the_object() -> None:
     here, there = (markers.grasp_markers([grasp(y=y)], "bottle").markers[1:] for y in (0.5, 0.7))
     for a, b in zip(here, there, strict=True):
-        shift = (
-            [0.0, 0.2, 0.0] if a.ns.startswith("hand") and a.type != Marker.SPHERE_LIST else [0.0, 0.0, 0.0]
-        )
+        shift = [0.0, 0.2, 0.0] if a.ns.startswith("hand") and a.type != Marker.SPHERE_LIST else [0.0, 0.0, 0.0]
         np.testing.assert_allclose(position_of(b) - position_of(a), shift, atol=1e-12)
     (arrow,) = [marker for marker in here if marker.type == Marker.ARROW]
     tip = arrow.points[-1]

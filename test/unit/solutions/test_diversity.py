@@ -32,9 +32,7 @@ def test_a_quarter_turn_and_three_four_five() -> None:
     a = Pose(np.zeros(3))
     b = Pose.from_rpy([0.03, 0.04, 0.0], [0.0, 0.0, math.pi / 2])
     assert PoseMetric(0.0).distance(a, b) == pytest.approx(0.05, abs=1e-15)
-    assert PoseMetric(0.05).distance(a, b) == pytest.approx(
-        math.sqrt(0.05**2 + (0.05 * math.pi / 2) ** 2), abs=1e-15
-    )
+    assert PoseMetric(0.05).distance(a, b) == pytest.approx(math.sqrt(0.05**2 + (0.05 * math.pi / 2) ** 2), abs=1e-15)
 
 
 def test_opposite_quaternions_are_one_rotation_and_small_turns_are_exact() -> None:

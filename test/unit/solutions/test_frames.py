@@ -18,9 +18,7 @@ def test_a_chain_up_and_down_is_the_product_of_its_transforms() -> None:
     poses = {child: random_pose(rng) for _, child in names}
     tree = FrameTree(FrameTransform(parent, child, poses[child]) for parent, child in names)
     expected = (
-        np.linalg.inv(poses["table"].matrix @ poses["bottle"].matrix)
-        @ poses["base"].matrix
-        @ poses["camera"].matrix
+        np.linalg.inv(poses["table"].matrix @ poses["bottle"].matrix) @ poses["base"].matrix @ poses["camera"].matrix
     )
     found = tree.lookup("bottle", "camera")
     assert found is not None

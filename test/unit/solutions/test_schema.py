@@ -33,9 +33,7 @@ def make_version_1(path: Path) -> None:
             "INSERT INTO trial VALUES (1, ?, 1, ?, ?, 0, 0, 0, 0, 0, 0, 1, ?, ?, ?, 0)",
             (stamp, outcome, quality, quality, quality, quality),
         )
-        connection.execute(
-            "INSERT INTO trial_detail VALUES (1, ?, 'icub', 0.1, '', '[]', x'', '[]', x'')", (stamp,)
-        )
+        connection.execute("INSERT INTO trial_detail VALUES (1, ?, 'icub', 0.1, '', '[]', x'', '[]', x'')", (stamp,))
     connection.close()
 
 
@@ -85,9 +83,7 @@ def test_sessions_are_told_apart(tmp_path: Path) -> None:
 def test_a_trial_that_was_changed_by_hand_is_read_as_it_is_now(tmp_path: Path) -> None:
     path = tmp_path / "archive.db"
     with SolutionArchive(path, "bottle") as archive:
-        archive.add_many(
-            StampedGrasp(stamp, Grasp(Pose.identity(), GraspOutcome.GRASPED, 0.5)) for stamp in range(600)
-        )
+        archive.add_many(StampedGrasp(stamp, Grasp(Pose.identity(), GraspOutcome.GRASPED, 0.5)) for stamp in range(600))
     connection = sqlite3.connect(path)
     chunks = "SELECT count(*), sum(trials) FROM chunk"
     assert connection.execute(chunks).fetchone() == (2, 2 * CHUNK_TRIALS)
@@ -112,9 +108,7 @@ def test_an_older_archive_is_packed_anew_when_it_is_opened(tmp_path: Path, versi
             "force_closure) VALUES (1, ?, 1, 0, ?, 0, 0, 0, 0, 0, 0, 1, 0)",
             (stamp, 0.001 * (stamp + 1)),
         )
-        connection.execute(
-            "INSERT INTO trial_detail VALUES (1, ?, 'icub', 0.1, '', '[]', x'', '[]', x'')", (stamp,)
-        )
+        connection.execute("INSERT INTO trial_detail VALUES (1, ?, 'icub', 0.1, '', '[]', x'', '[]', x'')", (stamp,))
     if version == 4:  # of grasps that are shorter
         connection.execute("INSERT INTO chunk VALUES (1, 255, 0, 256, x'00000000', x'00000000')")
     connection.close()

@@ -87,9 +87,7 @@ def test_a_folder_of_somebody_else_is_left_alone(tmp_path: Path) -> None:
         ("README.md", set()),
     ],
 )
-def test_a_change_makes_just_its_steps_due(
-    setup: ModuleType, tmp_path: Path, changed: str, again: set[str]
-) -> None:
+def test_a_change_makes_just_its_steps_due(setup: ModuleType, tmp_path: Path, changed: str, again: set[str]) -> None:
     env = setup.Environment(tmp_path / "venv")
     before = setup.keys(setup.STEPS, env)
     (setup.ROOT / changed).write_text("second\n")

@@ -85,9 +85,7 @@ def test_a_real_grasp_has_a_ratio_between_0_and_1_that_no_frame_changes() -> Non
     assert 0.0 < value < 1.0
     turn = Pose.from_rpy([0.3, -0.2, 0.1], [0.5, -1.0, 2.0])
     R = turn.rotation.as_matrix()
-    moved = tuple(
-        GraspContact(c.link, turn.transform_points(c.position), R @ c.normal) for c in contacts
-    )
+    moved = tuple(GraspContact(c.link, turn.transform_points(c.position), R @ c.normal) for c in contacts)
     center = turn.transform_points(BOTTLE.center_of_mass)
     assert uniformity(HAND, posture, turn @ pose, moved, center, 0.1) == pytest.approx(value, rel=1e-9)
 

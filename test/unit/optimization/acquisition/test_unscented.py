@@ -110,9 +110,7 @@ def test_gradients_agree_with_differences(kappa):
         assert values == pytest.approx(worth(A))
         for axis in range(3):
             step = 1e-6 * np.eye(3)[axis]
-            assert gradient[:, axis] == pytest.approx(
-                (worth(A + step) - worth(A - step)) / 2e-6, rel=1e-4, abs=1e-6
-            )
+            assert gradient[:, axis] == pytest.approx((worth(A + step) - worth(A - step)) / 2e-6, rel=1e-4, abs=1e-6)
 
 
 def test_a_negative_mean_of_a_positive_worth_has_no_logarithm():
@@ -136,9 +134,7 @@ def test_the_broad_summit_is_the_incumbent_where_the_narrow_one_is_higher():
 
     U = np.linspace(0.0, 1.0, 101)[:, None]
     model = GaussianProcess.fit(U, truth(U))
-    expected, sd, worst = unscented_outcomes(
-        model.predict_mean, U, UnscentedTransform.of_covariance([[0.02**2]])
-    )
+    expected, sd, worst = unscented_outcomes(model.predict_mean, U, UnscentedTransform.of_covariance([[0.02**2]]))
     assert U[np.argmax(truth(U)), 0] == pytest.approx(0.8)
     best = int(np.argmax(expected))
     assert U[best, 0] == pytest.approx(0.3, abs=0.02)
@@ -148,19 +144,13 @@ def test_the_broad_summit_is_the_incumbent_where_the_narrow_one_is_higher():
 
 def test_no_queries_have_no_outcomes():
     transform = UnscentedTransform.of_covariance(FULL)
-    assert [
-        len(part) for part in unscented_outcomes(posterior().predict_mean, np.empty((0, 3)), transform)
-    ] == [0] * 3
+    assert [len(part) for part in unscented_outcomes(posterior().predict_mean, np.empty((0, 3)), transform)] == [0] * 3
 
 
 def test_noise_in_every_unit_becomes_a_covariance_in_the_cube():
-    space = SearchSpace(
-        ("x", "roll", "s"), np.array([0.0, -1.0, 0.0]), np.array([0.5, 1.0, 1.0]), ("m", "rad", "1")
-    )
+    space = SearchSpace(("x", "roll", "s"), np.array([0.0, -1.0, 0.0]), np.array([0.5, 1.0, 1.0]), ("m", "rad", "1"))
     assert InputNoise((0.03,)).in_cube(space) == pytest.approx(np.eye(3) * 9e-4)
-    assert InputNoise((0.01, 0.1, 0.2), "space").in_cube(space) == pytest.approx(
-        np.diag([0.02, 0.05, 0.2]) ** 2
-    )
+    assert InputNoise((0.01, 0.1, 0.2), "space").in_cube(space) == pytest.approx(np.diag([0.02, 0.05, 0.2]) ** 2)
     assert InputNoise.of_pose(0.01, 0.1).in_cube(space) == pytest.approx(np.diag([0.02, 0.05, 0.0]) ** 2)
     assert InputNoise.covariance(FULL).in_cube(space) == pytest.approx(FULL)
     scaled = FULL / np.outer([0.5, 2.0, 1.0], [0.5, 2.0, 1.0])

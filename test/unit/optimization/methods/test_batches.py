@@ -79,8 +79,11 @@ def test_pending_points_keep_greedy_methods_away():
 
 def test_constraint_active_search_covers_the_good_region_with_points_apart():
     optimizer, batches = run(
-        "constraint_active_search", budget=72, objective=lambda u: -float(np.abs(u - 0.5).max()),
-        threshold=-0.25, min_distance=0.12,
+        "constraint_active_search",
+        budget=72,
+        objective=lambda u: -float(np.abs(u - 0.5).max()),
+        threshold=-0.25,
+        min_distance=0.12,
     )
     found = np.concatenate(batches)
     good = found[np.abs(found - 0.5).max(axis=1) <= 0.25]

@@ -64,9 +64,7 @@ def test_half_of_the_clusters_suffice_if_the_settings_say_so():
     # Four regions are wanted where there are three: three quarters suffice, all of them would not.
     phases = {}
     for share in (0.5, 0.75, 1.0):
-        wanted = MethodSettings(
-            budget=100, burn_in=20, num_solutions=4, min_distance=0.5, cluster_share=share
-        )
+        wanted = MethodSettings(budget=100, burn_in=20, num_solutions=4, min_distance=0.5, cluster_share=share)
         method = ClMebo(SearchSpace.unit_cube(2), wanted)
         method.propose(known_points(95), 3, np.random.default_rng(1))
         phases[share] = method.phase

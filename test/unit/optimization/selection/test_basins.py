@@ -50,9 +50,7 @@ def test_ascent_stays_in_the_cube_and_never_falls():
 def test_same_basin_follows_the_mean(posterior):
     A = np.array([[0.2], [0.2], [0.15], [0.2]])
     B = np.array([[0.25], [0.5], [0.24], [0.8]])
-    np.testing.assert_array_equal(
-        basins.same_basin(posterior, A, B, 1e-3), np.array([True, False, True, False])
-    )
+    np.testing.assert_array_equal(basins.same_basin(posterior, A, B, 1e-3), np.array([True, False, True, False]))
     # A dip of 2 is forgiven by a slack of 3.
     assert np.all(basins.same_basin(posterior, A, B, 3.0))
 

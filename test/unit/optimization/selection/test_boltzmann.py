@@ -95,9 +95,7 @@ def test_shape_seed_and_box():
     first = draw(gp, acquisitions, np.random.default_rng(7), per_acquisition=5, box=box)
     assert first.shape == (2, 5, 1)
     assert np.all((first >= 0.4) & (first <= 0.45))
-    again, other = (
-        draw(gp, acquisitions, np.random.default_rng(seed), per_acquisition=5, box=box) for seed in (7, 8)
-    )
+    again, other = (draw(gp, acquisitions, np.random.default_rng(seed), per_acquisition=5, box=box) for seed in (7, 8))
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
 

@@ -16,9 +16,7 @@ def eci(candidate, tried, threshold=-1e9, radius=0.1, scale=1.0, n=4000):
     posterior = GaussianProcess.fit(np.array([[0.2], [0.9]]), np.array([0.0, 1.0]))
     offsets = ball_offsets(n, 1, np.random.default_rng(1))
     places, known = np.array([[candidate]]), np.array(tried)[:, None]
-    return expected_coverage_improvement(
-        posterior, places, offsets, known, threshold, np.array([scale]), radius
-    )[0]
+    return expected_coverage_improvement(posterior, places, offsets, known, threshold, np.array([scale]), radius)[0]
 
 
 def test_where_all_is_good_it_is_the_uncovered_share_of_the_ball():

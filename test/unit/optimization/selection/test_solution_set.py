@@ -34,6 +34,4 @@ def test_a_good_point_that_is_no_part_of_the_set_bars_none_of_its_neighbours():
     # 0.28 (2.9) lies too near to 0.1 (3.0); a point at 0.32 enters the set with any value above the last one's.
     points, values = np.array([[0.1], [0.28], [0.7], [1.0]]), np.array([3.0, 2.9, 1.0, 0.5])
     assert slot_values(points, values, np.array([[0.32]]), 3, 0.2).tolist() == [0.5]
-    assert greedy_diverse_set(
-        np.append(points, [[0.32]], axis=0), np.append(values, 0.6), 3, 0.2
-    ).tolist() == [0, 2, 4]
+    assert greedy_diverse_set(np.append(points, [[0.32]], axis=0), np.append(values, 0.6), 3, 0.2).tolist() == [0, 2, 4]

@@ -20,9 +20,7 @@ def data(n=15):
 def of_draws():
     U, y = data()
     vectors = ([-1.0, 0.0, 0.0, -9.0], [-2.0, -1.0, 0.5, -7.0])
-    return MixtureProcess.equal(
-        [GaussianProcess.fit(U, y, Hyperparameters.from_vector(np.array(v))) for v in vectors]
-    )
+    return MixtureProcess.equal([GaussianProcess.fit(U, y, Hyperparameters.from_vector(np.array(v))) for v in vectors])
 
 
 def of_structures():
@@ -33,8 +31,7 @@ def of_structures():
         warped: [-1.5, -0.5, 0.3, 0.4, -0.3, 0.2, 0.1, -7.0],
     }
     members = [
-        GaussianProcess.fit(U, y, Hyperparameters.from_vector(np.array(v)), kernel)
-        for kernel, v in vectors.items()
+        GaussianProcess.fit(U, y, Hyperparameters.from_vector(np.array(v)), kernel) for kernel, v in vectors.items()
     ]
     return MixtureProcess(tuple(members), np.array([0.8, 0.2]))
 

@@ -90,9 +90,7 @@ def test_pseudo_likelihood_agrees_with_the_formula_term_by_term(power):
     assert value == pytest.approx(expected)
     for i in range(len(vector)):
         step = 1e-5 * np.eye(len(vector))[i]
-        assert gradient[i] == pytest.approx(
-            (density(vector + step) - density(vector - step)) / 2e-5, rel=1e-4
-        )
+        assert gradient[i] == pytest.approx((density(vector + step) - density(vector - step)) / 2e-5, rel=1e-4)
 
 
 def test_one_leaf_is_the_gaussian_process():
@@ -169,9 +167,7 @@ def test_regions_differ_in_smoothness_where_the_function_does():
 @pytest.mark.parametrize("sampling", [None, SamplingSettings(2, 2, 1)])
 def test_the_signal_of_every_leaf_is_half_the_range_of_all_values(sampling):
     data = known(60)
-    treed = TreedSurrogate(2, settings=TreeSettings(12, None, sampling)).update(
-        data, np.random.default_rng(0)
-    )
+    treed = TreedSurrogate(2, settings=TreeSettings(12, None, sampling)).update(data, np.random.default_rng(0))
     members: list[GaussianProcess] = []
     for leaf in treed.leaves:
         members += [leaf] if isinstance(leaf, GaussianProcess) else leaf.members
@@ -187,9 +183,7 @@ def test_new_observations_join_their_leaves_and_a_restored_surrogate_is_the_same
     twin = TreedSurrogate(2, relearn_period=3, settings=TreeSettings(12, 2.0))
     twin.restore(json.loads(json.dumps(surrogate.state())))
     A = np.random.default_rng(2).random((20, 2))
-    assert surrogate.posterior(data).predict_mean(np.array([[0.123, 0.456]]))[0] == pytest.approx(
-        7.0, abs=0.5
-    )
+    assert surrogate.posterior(data).predict_mean(np.array([[0.123, 0.456]]))[0] == pytest.approx(7.0, abs=0.5)
     for _ in range(4):
         mine = surrogate.update(data, np.random.default_rng(1)).predict(A)
         assert np.array_equal(mine, twin.update(data, np.random.default_rng(1)).predict(A))

@@ -115,9 +115,7 @@ def test_additive_kernel_is_the_sum_of_one_dimensional_ones():
     rng = np.random.default_rng(3)
     A, U = rng.random((4, 3)), rng.random((5, 3))
     theta = np.log([0.3, 0.7, 2.0, 0.5, 1.5, 0.1])
-    expected = sum(
-        MATERN52.matrix(A[:, [q]], U[:, [q]], np.array([theta[q], theta[3 + q]])) for q in range(3)
-    )
+    expected = sum(MATERN52.matrix(A[:, [q]], U[:, [q]], np.array([theta[q], theta[3 + q]])) for q in range(3))
     np.testing.assert_allclose(ADDITIVE_MATERN52.matrix(A, U, theta), expected, rtol=1e-12)
 
 
@@ -133,9 +131,7 @@ def test_gradients_of_a_kernel_match_differences(kernel):
     def evidence(v):
         return log_marginal_likelihood_and_gradient(U, z, Hyperparameters.from_vector(v), kernel)
 
-    np.testing.assert_allclose(
-        evidence(vector)[1], differences(lambda v: evidence(v)[0], vector), rtol=1e-4, atol=1e-4
-    )
+    np.testing.assert_allclose(evidence(vector)[1], differences(lambda v: evidence(v)[0], vector), rtol=1e-4, atol=1e-4)
     posterior = GaussianProcess.fit(U, z, Hyperparameters.from_vector(vector), kernel)
     point = np.array([0.37, 0.61])
     _, _, d_mean, d_sd = posterior.predict_with_gradients(point[None])
