@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import FloatArray
+from mebo_grasp.optimization.initial_design import sobol
 from mebo_grasp.optimization.surrogate.additive import (
     ADDITIVE_MATERN52,
     ADDITIVE_SQUARED_EXPONENTIAL,
     SumKernel,
 )
 from mebo_grasp.optimization.surrogate.hyperparameters import (
+    climb_coupled,
     climb_posterior,
-    log_posterior,
+    height,
     log_posterior_and_gradient,
 )
 from mebo_grasp.optimization.surrogate.kernels import MATERN52, SQUARED_EXPONENTIAL, Kernel, LogNormalPrior
@@ -25,10 +26,10 @@ from mebo_grasp.optimization.surrogate.warping import KumaraswamyWarp, MappedKer
 START_LENGTHSCALES = (0.08, 0.25, 0.8)
 """Where the searches start: a lengthscale of 0.08 follows a function with about six periods a side."""
 START_ANGLES = tuple(np.linspace(0.0, np.pi / 2.0, 8, endpoint=False))
-START_PLACES = tuple(np.linspace(0.0, 1.0, 11))
-START_WIDTHS = (0.02, 0.1)
-START_FACTORS = (0.7, 1.0, 1.5)
-"""A stretch is sought from these places and widths, with these changes of the lengthscale."""
+SCREENED, SCREENED_KEPT = 256, 8
+SCREENED_LENGTHSCALES, SCREENED_WIDTHS, SCREENED_NOISE = (0.03, 0.2), (0.01, 0.2), 0.01
+"""A stretch along turned axes is sought from the best of many points: lengthscales and widths between these, places and
+angle anywhere. The noise lets a map pass that is about right."""
 PLATEAU_SHARE, PLATEAU_SIZE = 0.15, 4
 """A share and a number of values equal to the lowest that mean that the function has a plateau there."""
 MAX_WARPED_DIM = 3
@@ -71,7 +72,9 @@ def family(dim: int) -> tuple[Structure, ...]:
     """The structures that are compared in ``dim`` dimensions; simpler ones before those built on them.
 
     Along the given axes the warp is Kumaraswamy's: what it stretches is an end of a side. Along turned axes it is
-    the stretch, because there the part of the cube in which the function varies fast may lie anywhere.
+    the stretch, because there the part of the cube in which the function varies fast may lie anywhere. Only the
+    Matérn 5/2 is stretched: between the values the map is a guess, and a squared exponential behind a wrong one is sure
+    of what it promises where there are none.
     """
     coupled = [Structure(MATERN52), Structure(SQUARED_EXPONENTIAL)]
     additive: list[Structure] = []
@@ -82,8 +85,15 @@ def family(dim: int) -> tuple[Structure, ...]:
     plain = coupled + additive
     if dim > MAX_WARPED_DIM:
         return tuple(plain)
-    warped = [replace(structure, warp=StretchWarp() if structure.turned else KumaraswamyWarp()) for structure in plain]
+    warped = [replace(structure, warp=KumaraswamyWarp()) for structure in plain if not structure.turned]
+    if dim == 2:
+        warped.append(Structure(ADDITIVE_MATERN52, StretchWarp(), turned=True))
     return (*plain, *warped)
+
+
+def is_stretched(structure: Structure) -> bool:
+    """Whether it is stretched along turned axes."""
+    return structure.turned and isinstance(structure.warp, StretchWarp)
 
 
 def has_plateau(y: FloatArray) -> bool:
@@ -121,38 +131,35 @@ def starts(structure: Structure, dim: int, known: dict[Structure, FloatArray]) -
     return extended or _cold_starts(structure, dim)
 
 
-def placed(structure: Structure, U: FloatArray, z: FloatArray, vector: FloatArray) -> FloatArray:
-    """The best of a few places and widths of each dimension's stretch, one dimension after the other.
+def screened(structure: Structure, U: FloatArray, z: FloatArray) -> list[FloatArray]:
+    """The best of many starting points of a stretch along turned axes, shape (p + 1,) each.
 
-    The posterior density has many maxima along a place, so a climb from the identity seldom finds the highest.
+    Angle, places and widths only make sense together: at a wrong angle no place is better than another, so neither is
+    found from what a simpler structure learned.
 
     Args:
-        structure: a stretched one.
-        U: points, shape (n, d).
+        structure: a stretched and turned one.
+        U: points, shape (n, 2).
         z: standardized values, shape (n,).
-        vector: where the search starts, shape (p + 1,).
     """
-    dim = U.shape[1]
-    prior = prior_of(structure.kernel, dim)
-    first = len(vector) - structure.tail - 2 * dim
+    prior = prior_of(structure.kernel, 2)
+    places = len(prior.mean) - structure.tail - 4
+    shares = sobol(SCREENED, 7, np.random.default_rng(0))
+    points = np.tile(prior.mean, (SCREENED, 1))
+    points[:, :2] = _between(SCREENED_LENGTHSCALES, shares[:, :2])
+    points[:, places : places + 2] = shares[:, 2:4]
+    points[:, places + 2 : places + 4] = _between(SCREENED_WIDTHS, shares[:, 4:6])
+    points[:, -2] = 0.5 * np.pi * shares[:, 6]
+    points[:, -1] = np.log(SCREENED_NOISE)
+    heights = [height(point, U, z, structure.kernel, prior) for point in points]
+    return [points[i] for i in np.argsort(heights)[::-1][:SCREENED_KEPT]]
 
-    def value(trial: FloatArray) -> float:
-        try:
-            return log_posterior(trial, U, z, structure.kernel, prior)
-        except InvalidSettingsError:
-            return -np.inf
 
-    best, highest = vector, value(vector)
-    for axis in range(dim):
-        origin = best
-        for place, width, factor in product(START_PLACES, START_WIDTHS, START_FACTORS):
-            trial = origin.copy()
-            trial[[first + axis, first + dim + axis]] = place, np.log(width)
-            trial[axis] += np.log(factor)
-            reached = value(trial)
-            if reached > highest:
-                best, highest = trial, reached
-    return best
+def _between(ends: tuple[float, float], shares: FloatArray) -> FloatArray:
+    """Logarithms evenly between those of two lengths."""
+    first, last = np.log(ends)
+    values: FloatArray = first + (last - first) * shares
+    return values
 
 
 def _inserted(vector: FloatArray, part: FloatArray, behind: int) -> FloatArray:
@@ -175,7 +182,12 @@ def _cold_starts(structure: Structure, dim: int) -> list[FloatArray]:
 
 def climb(kernel: Kernel, U: FloatArray, z: FloatArray, start: FloatArray, iterations: int) -> tuple[FloatArray, float]:
     """Climb the log posterior density from ``start``; return where it ends and its value there."""
-    return climb_posterior(start, U, z, kernel, prior_of(kernel, U.shape[1]), iterations)
+    prior = prior_of(kernel, U.shape[1])
+    if not isinstance(kernel, MappedKernel):
+        return climb_posterior(start, U, z, kernel, prior, iterations)
+    return climb_coupled(
+        lambda vector: log_posterior_and_gradient(vector, U, z, kernel, prior), prior, start, iterations
+    )
 
 
 def laplace_evidence(kernel: Kernel, U: FloatArray, z: FloatArray, vector: FloatArray, value: float) -> float:

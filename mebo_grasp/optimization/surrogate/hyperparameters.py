@@ -11,6 +11,7 @@ from scipy.optimize import minimize
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.observations import LEAST_NOISE, MOST_NOISE
+from mebo_grasp.optimization.surrogate.bounded_bfgs import minimize_in_box
 from mebo_grasp.optimization.surrogate.gaussian_process import (
     GaussianProcess,
     Hyperparameters,
@@ -149,10 +150,11 @@ def _scouted(
     fresh = starts[1:] if first_is_known else starts
     ends = [climb_posterior(start, few_U, few_z, kernel, prior, settings.max_iterations)[0] for start in fresh]
     candidates = [*starts[:1], *ends] if first_is_known else ends
-    return max(candidates, key=lambda vector: _height(vector, U, z, kernel, prior))
+    return max(candidates, key=lambda vector: height(vector, U, z, kernel, prior))
 
 
-def _height(vector: FloatArray, U: FloatArray, z: FloatArray, kernel: Kernel, prior: LogNormalPrior) -> float:
+def height(vector: FloatArray, U: FloatArray, z: FloatArray, kernel: Kernel, prior: LogNormalPrior) -> float:
+    """``log_posterior``, or -inf where the covariance is numerically singular."""
     try:
         return log_posterior(vector, U, z, kernel, prior)
     except InvalidSettingsError:
@@ -184,21 +186,41 @@ def climb(
         start: where to begin, shape (p + 1,); clipped to the box.
         max_iterations: of L-BFGS-B.
     """
+    result = minimize(
+        _loss(density), np.clip(start, prior.lower, prior.upper), jac=True, method="L-BFGS-B",
+        bounds=list(zip(prior.lower, prior.upper, strict=True)),
+        options={"maxiter": max_iterations, "ftol": 1e-6, "gtol": 1e-3},
+    )  # fmt: skip
+    return np.asarray(result.x, dtype=np.float64), -float(result.fun)
+
+
+def climb_coupled(
+    density: LogDensity, prior: LogNormalPrior, start: FloatArray, max_iterations: int
+) -> tuple[FloatArray, float]:
+    """Like ``climb``, by a full BFGS in units of the prior's standard deviations: for strongly coupled parameters."""
+    loss = _loss(density)
+
+    def scaled(t: FloatArray) -> tuple[float, FloatArray]:
+        value, gradient = loss(t * prior.sd)
+        return value, gradient * prior.sd
+
+    end, lowest = minimize_in_box(
+        scaled, start / prior.sd, prior.lower / prior.sd, prior.upper / prior.sd, max_iterations
+    )
+    return np.clip(end * prior.sd, prior.lower, prior.upper), -lowest
+
+
+def _loss(density: LogDensity) -> LogDensity:
+    """The negative; where the covariance is numerically singular it is so high that a line search backs off."""
 
     def loss(vector: FloatArray) -> tuple[float, FloatArray]:
         try:
             value, gradient = density(vector)
         except InvalidSettingsError:
-            # Where the covariance is numerically singular the line search shall back off.
             return 1e25, np.zeros_like(vector)
         return -value, -gradient
 
-    result = minimize(
-        loss, np.clip(start, prior.lower, prior.upper), jac=True, method="L-BFGS-B",
-        bounds=list(zip(prior.lower, prior.upper, strict=True)),
-        options={"maxiter": max_iterations, "ftol": 1e-6, "gtol": 1e-3},
-    )  # fmt: skip
-    return np.asarray(result.x, dtype=np.float64), -float(result.fun)
+    return loss
 
 
 def climb_posterior(

@@ -2,9 +2,9 @@
 
 The family is {Matérn 5/2 ARD, squared exponential ARD, additive Matérn 5/2, additive squared exponential,
 additive squared exponential + Matérn 5/2 ARD} × {no warp, Kumaraswamy warp} (no warp above three dimensions), in two
-dimensions the additive ones also along turned axes × {no warp, stretch}. A member's worth is the Laplace
-approximation of its log evidence: the posterior density at its best hyperparameters, less half a nat for each
-e-fold by which the data narrow a parameter's variance. Where only some of the values were compared on, differences
+dimensions the additive ones also along turned axes, the Matérn 5/2 there with and without a stretch. A member's worth
+is the Laplace approximation of its log evidence: the posterior density at its best hyperparameters, less half a nat for
+each e-fold by which the data narrow a parameter's variance. Where only some of the values were compared on, differences
 are taken to grow with the number of all. All members are learned when the number of values has
 grown by a fixed factor (with many values, those that have fallen far behind are only refreshed then), and in
 between only those that are believed. As long as the evidence does not decide, several are: each with its share of
@@ -30,19 +30,23 @@ from mebo_grasp.optimization.surrogate.family import (
     climb,
     family,
     has_plateau,
+    is_stretched,
     laplace_evidence,
-    placed,
     prior_of,
+    screened,
     starts,
 )
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess, Hyperparameters, standardize
 from mebo_grasp.optimization.surrogate.hyperparameters import subset
 from mebo_grasp.optimization.surrogate.kernels import MATERN52, Kernel
 from mebo_grasp.optimization.surrogate.relearning import RelearningSchedule
-from mebo_grasp.optimization.surrogate.warping import StretchWarp
+from mebo_grasp.optimization.surrogate.warping import MappedKernel
 
 MAX_BELIEVED, SMALLEST_SHARE = 3, 0.05
 """Members that are believed at once, and the share of the best one's evidence below which one is not."""
+
+MAPPED_ITERATIONS = 100
+"""Of the climb of a member behind learned maps; most end by themselves after thirty."""
 
 
 @dataclass(frozen=True)
@@ -54,9 +58,9 @@ class StructureSettings:
         max_points_family: values used to compare the members.
         max_points_thorough: up to this many, every comparison searches from all the starting points.
         max_points: values used to learn the chosen member.
-        scout_iterations: of L-BFGS-B from every start.
-        climb_iterations: of L-BFGS-B from the best start.
-        refresh_iterations: of L-BFGS-B when a member is learned again from where it was.
+        scout_iterations: from every start.
+        climb_iterations: of L-BFGS-B from the best start; members behind learned maps are climbed to the end.
+        refresh_iterations: of L-BFGS-B when a member is learned again from where it was; those behind maps as above.
         contention: members whose posterior density is this many nats behind the best are out of it.
 
     Raises:
@@ -203,15 +207,15 @@ class StructuredSurrogate:
                 scouted.append(replace(member, value=-np.inf))
                 continue
             known = {other.structure: other.vector for other in scouted if np.isfinite(other.value)}
-            scouted.append(self._scouted(member, *data, known, cold=thorough))
+            cold = thorough or is_stretched(member.structure)
+            scouted.append(self._scouted(member, *data, known, cold))
         best = max(member.value for member in scouted)
         learned: list[Member] = []
         for member in scouted:
             known = {other.structure: other.vector for other in learned if np.isfinite(other.value)}
             hopeful = member.value >= best - self._settings.contention
-            learned.append(
-                self._learned(member, *data, known, cold=not thorough) if hopeful else replace(member, evidence=-np.inf)
-            )
+            cold = not thorough and not is_stretched(member.structure)
+            learned.append(self._learned(member, *data, known, cold) if hopeful else replace(member, evidence=-np.inf))
         self._members = learned
         self._compared_at = len(y)
         self._believed = self._most_probable()
@@ -237,7 +241,7 @@ class StructuredSurrogate:
         """A few steps from where the member was; ``cold`` also from all the starting points."""
         ends = []
         if np.isfinite(member.value):
-            ends.append(_climbed(member, U, z, self._settings.refresh_iterations))
+            ends.append(_settled(member, U, z, self._settings.refresh_iterations))
         if cold or not ends:
             ends.append(self._started(member, U, z, known))
         return max(ends, key=lambda end: end.value)
@@ -246,8 +250,8 @@ class StructuredSurrogate:
         """A few steps from all the starting points and a few more from the best."""
         iterations = self._settings.scout_iterations
         points = starts(member.structure, self._dim, known)
-        if isinstance(member.structure.warp, StretchWarp):
-            points = [placed(member.structure, U, z, point) for point in points]
+        if is_stretched(member.structure):
+            points, iterations = [*points, *screened(member.structure, U, z)], 2 * iterations
         scouts = [_climbed(replace(member, vector=start), U, z, iterations) for start in points]
         return _climbed(max(scouts, key=lambda scout: scout.value), U, z, 3 * iterations)
 
@@ -257,14 +261,14 @@ class StructuredSurrogate:
         """Climb to the end and take the evidence; ``cold`` also looks for a better start."""
         if cold:
             member = max(member, self._started(member, U, z, known), key=lambda scout: scout.value)
-        member = _climbed(member, U, z, self._settings.climb_iterations)
+        member = _settled(member, U, z, self._settings.climb_iterations)
         evidence = laplace_evidence(member.kernel, U, z, member.vector, member.value)
         return replace(member, evidence=evidence)
 
     def _refresh(self, U: FloatArray, y: FloatArray, rng: np.random.Generator) -> None:
         data = self._data(U, y, self._settings.max_points, rng)
         for i in self._believed:
-            self._members[i] = _climbed(self._members[i], *data, self._settings.refresh_iterations)
+            self._members[i] = _settled(self._members[i], *data, self._settings.refresh_iterations)
 
     def state(self) -> dict[str, Any]:
         """What ``restore`` needs, as JSON values."""
@@ -314,6 +318,11 @@ def _restored(member: Member, record: dict[str, Any]) -> Member:
 
 def _fitted(member: Member, U: FloatArray, y: FloatArray) -> GaussianProcess:
     return GaussianProcess.fit(U, y, Hyperparameters.from_vector(member.vector), member.kernel)
+
+
+def _settled(member: Member, U: FloatArray, z: FloatArray, iterations: int) -> Member:
+    """Climbed, a member behind learned maps to the end: there that takes few steps more."""
+    return _climbed(member, U, z, MAPPED_ITERATIONS if isinstance(member.kernel, MappedKernel) else iterations)
 
 
 def _climbed(member: Member, U: FloatArray, z: FloatArray, iterations: int) -> Member:
