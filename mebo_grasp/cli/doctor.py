@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from mebo_grasp.cli.first_use import explained
 from mebo_grasp.errors import InvalidHandError, InvalidObjectError
 from mebo_grasp.grasping.doctor import Finding, Level, check_hand, check_object, check_together
 from mebo_grasp.grasping.hand_model import HandModel
@@ -28,7 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print what was found; returns the exit code."""
-    findings = examine(options.hand, options.object, options.scale, options.concave)
+    with explained():
+        findings = examine(options.hand, options.object, options.scale, options.concave)
     for finding in findings:
         print(f"{MARKS[finding.level]}  {finding.topic}: {finding.text}")
     worst = [sum(finding.level is level for finding in findings) for level in (Level.ERROR, Level.WARNING)]

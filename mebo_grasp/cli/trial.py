@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mebo_grasp.cli.first_use import explained
 from mebo_grasp.cli.report import require_png
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import Grasp, Pose
@@ -67,8 +68,10 @@ def run(options: argparse.Namespace) -> int:
     target = TargetObject.load(options.object, options.scale, options.concave)
     hand = HandModel.load(options.hand)
     pose = middle_pose(target, hand) if options.pose is None else parse_pose(" ".join(options.pose))
-    with GraspSimulator(target, hand, settings) as simulator:
+    with explained():
+        simulator = GraspSimulator(target, hand, settings)
         simulator.trial(pose)  # The first one loads compiled code, which is not what a trial takes.
+    with simulator:
         grasp = simulator.trial(pose)
         further = simulator.further_metrics(grasp)
         print(trial_text(grasp, settings, further))
