@@ -16,8 +16,10 @@ from types import FrameType
 
 import numpy as np
 
+from mebo_grasp.cli.explored_nodes import check_continues, node_parameters
 from mebo_grasp.cli.report import ProgressLine, grasp_table
 from mebo_grasp.cli.run_folder import DATABASE, PICTURE, RUN_LOG
+from mebo_grasp.cli.scene_options import add_scene_arguments, add_trial_arguments, trial_settings
 from mebo_grasp.errors import InvalidSettingsError, MeboGraspError
 from mebo_grasp.grasp import Pose, StampedGrasp
 from mebo_grasp.grasping.facet_space import FACETS
@@ -57,9 +59,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "Explores an object with three ROS 2 nodes on this machine. An unfinished run in "
         "the output folder is resumed. Ctrl-C stops cleanly and keeps what was found."
     )
-    parser.add_argument("--object", default="bottle", help="built-in name or mesh file (default: bottle)")
-    parser.add_argument("--scale", type=float, default=1.0, help="factor from the mesh's unit to metres")
-    parser.add_argument("--hand", default="icub_left", help="built-in name or hand description")
+    add_scene_arguments(parser)
+    add_trial_arguments(parser)
     parser.add_argument(
         "--method",
         default=DEFAULT_METHOD,
@@ -117,8 +118,9 @@ def _add_noise_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Explore, report and draw; returns the exit code."""
-    target = TargetObject.load(options.object, options.scale)
+    target = TargetObject.load(options.object, options.scale, options.concave)
     hand = HandModel.load(options.hand)
+    trial_settings(options)
     _check(options, hand)
     if Path(options.object).is_file():
         # The nodes and a later `show` may run elsewhere.
@@ -133,9 +135,12 @@ def run(options: argparse.Namespace) -> int:
     ):
         if options.restart:
             _delete_run(directory)
+        parameters = node_parameters(options, directory)
+        check_continues(directory, parameters["hand_node"])
         print(f"exploring '{target.object_id}' (ROS_DOMAIN_ID={domain_id}, this machine only)")
         print(f"the run is kept in {directory}")
-        _start_nodes(nodes, options, directory, domain_id)
+        for name, values in parameters.items():
+            nodes.start(NodeProcess(name, values, directory, domain_id))
         interrupted = not _follow(nodes, client, stop)
         grasps = _report(client, target)
     if grasps:
@@ -202,40 +207,6 @@ def sole_user(directory: Path) -> Iterator[None]:
         ) from error
     finally:
         os.close(descriptor)
-
-
-def _start_nodes(nodes: NodeGroup, options: argparse.Namespace, directory: Path, domain_id: int) -> None:
-    target = {"object": options.object, "object_scale": options.scale}
-    hand = {"hand": options.hand}
-    optimizer = {
-        "space": options.space,
-        "facet": options.facet,
-        "synergies": options.synergies,
-        "method": options.method,
-        "kernel": options.kernel,
-        "warp": options.warp,
-        "learning": options.learning,
-        "surrogate": options.surrogate,
-        "safe": options.safe,
-        "input_noise_position": options.position_noise,
-        "input_noise_rotation": options.rotation_noise,
-        "seed": options.seed,
-        "budget": options.budget,
-        "initial_points": min(options.initial, options.budget),
-        "num_solutions": options.size,
-        "min_distance": options.min_distance,
-        "run_log": str(directory.resolve() / RUN_LOG),
-    }
-    archive = {
-        "object": options.object,
-        "database": str(directory.resolve() / DATABASE),
-        "size": options.size,
-        "min_distance": options.min_distance,
-    } | hand
-    posture = {"expects_posture": options.space == "pose_posture"}
-    parameters = (archive, target | hand | posture, target | hand | optimizer)
-    for name, values in zip(NODES, parameters, strict=True):
-        nodes.start(NodeProcess(name, values, directory, domain_id))
 
 
 def _follow(nodes: NodeGroup, client: ExplorationClient, stop: threading.Event) -> bool:
