@@ -11,6 +11,8 @@ import yaml
 from mebo_grasp.cli.run_folder import DATABASE, HAND_PARAMETERS, RUN_LOG
 from mebo_grasp.errors import InvalidSettingsError
 
+NODES = ("solution_set_node", "hand_node", "optimizer_node")
+"""In the order in which they are started."""
 HAND_OPTIONS = {
     "object": "object",
     "object_scale": "scale",
@@ -26,7 +28,7 @@ HAND_OPTIONS = {
 
 
 def node_parameters(options: argparse.Namespace, directory: Path) -> dict[str, dict[str, object]]:
-    """Parameters of each node, in the order in which the nodes are started."""
+    """Parameters of each of ``NODES``."""
     trial = {parameter: getattr(options, option) for parameter, option in HAND_OPTIONS.items()}
     solutions = {"size": options.size, "min_distance": options.min_distance}
     return {

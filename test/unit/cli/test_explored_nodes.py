@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from mebo_grasp.cli import explore
-from mebo_grasp.cli.explored_nodes import HAND_OPTIONS, check_continues, node_parameters
+from mebo_grasp.cli.explored_nodes import HAND_OPTIONS, NODES, check_continues, node_parameters
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.nodes.settings import HandNodeSettings, OptimizerNodeSettings, SolutionSetNodeSettings
 
@@ -37,7 +37,7 @@ def store(folder: Path, parameters: dict[str, object]) -> None:
 
 def test_all_parameters_are_the_nodes_own(tmp_path: Path) -> None:
     parameters = node_parameters(options_of(), tmp_path)
-    assert parameters.keys() == SETTINGS.keys()
+    assert tuple(parameters) == NODES
     for node, values in parameters.items():
         assert set(values) <= {field.name for field in fields(SETTINGS[node])}, node
 
