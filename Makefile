@@ -12,8 +12,8 @@ PYTEST_WORKERS ?= -n 2 --dist loadfile
 HANG_SECONDS ?= 300
 
 # What `make bench` measures; one BLAS thread each, so that "on one core" means it.
-BENCHES_OF_SOLUTIONS := mebo_grasp.experiments.bench_solutions mebo_grasp.nodes.bench_solution_set
-BENCHES := mebo_grasp.experiments.bench_hand mebo_grasp.experiments.bench_optimizer \
+BENCHES_OF_SOLUTIONS := mebo_grasp.benchmarks.solutions mebo_grasp.nodes.bench_solution_set
+BENCHES := mebo_grasp.benchmarks.hand mebo_grasp.benchmarks.optimizer \
 	$(BENCHES_OF_SOLUTIONS) mebo_grasp.nodes.bench_nodes
 bench bench-hand bench-solutions soak sweep-objects test test-quick: export OMP_NUM_THREADS = 1
 bench bench-hand bench-solutions soak sweep-objects test test-quick: export OPENBLAS_NUM_THREADS = 1
@@ -55,10 +55,10 @@ soak: setup  ## The fault tests at full length: 200 writers killed at random ins
 	MEBO_GRASP_KILLS=200 MEBO_GRASP_DAMAGES=100 $(BIN)/python -m pytest --timeout=3600 test/faults $(PYTEST_ARGS)
 
 bench-hand: setup  ## Measure the simulated hand alone, beside Simox's reference trials where they are at hand
-	@$(BIN)/python -m mebo_grasp.experiments.bench_hand
+	@$(BIN)/python -m mebo_grasp.benchmarks.hand
 
 sweep-objects: setup  ## Try a thousand meshes of pybullet_data; goes on where out/object_sweep.jsonl ends
-	@$(BIN)/python -m mebo_grasp.experiments.object_sweep
+	@$(BIN)/python -m mebo_grasp.benchmarks.object_sweep
 
 build-ros:  ## With an installed, sourced ROS 2: colcon build of both packages into install/
 	@command -v colcon >/dev/null || { echo "colcon is missing: sudo apt install python3-colcon-common-extensions"; exit 1; }

@@ -16,7 +16,7 @@ setup(
             "grasping/hands/*",
             "experiments/problems/data/*",
             "solutions/*.html",
-            "experiments/*.html",
+            "experiments/reports/*.html",
             "experiments/definitions/*.yaml",
         ],
         "msg_adapters": ["py.typed"],

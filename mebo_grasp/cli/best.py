@@ -6,6 +6,7 @@ import argparse
 import json
 
 from mebo_grasp.cli.filters import add_filter_arguments, explain, metric_of, query_of
+from mebo_grasp.cli.first_use import explained
 from mebo_grasp.cli.report import grasp_table
 from mebo_grasp.cli.run_folder import StoredRun, add_run_arguments
 from mebo_grasp.solutions.blocking import BlockingRule
@@ -26,7 +27,7 @@ def run(options: argparse.Namespace) -> int:
     """Print the grasps; returns the exit code."""
     stored_run = StoredRun.of(options)
     query = query_of(options, 1)
-    with stored_run.open(query.rule is BlockingRule.HAND, metric_of(options)) as archive:
+    with explained(), stored_run.open(query.rule is BlockingRule.HAND, metric_of(options)) as archive:
         answer = archive.best(query)
     if options.json:
         for stamped in answer.grasps:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 
+from mebo_grasp.cli.first_use import explained
+from mebo_grasp.cli.scene_options import add_scene_arguments
 from mebo_grasp.errors import InvalidHandError, InvalidObjectError
 from mebo_grasp.grasping.doctor import Finding, Level, check_hand, check_object, check_together
 from mebo_grasp.grasping.hand_model import HandModel
-from mebo_grasp.grasping.target_object import CONCAVE_SHAPES, ConcaveShape, TargetObject
+from mebo_grasp.grasping.target_object import ConcaveShape, TargetObject
 
 MARKS = {Level.OK: "ok     ", Level.WARNING: "warning", Level.ERROR: "ERROR  "}
 
@@ -18,17 +20,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "Says which hand is in use and checks hand and object: units and scale, watertightness, "
         "frames, self-collision in the preshape, closing that touches nothing. Exit code 1 if an error was found."
     )
-    parser.add_argument("--object", default="bottle", help="built-in name or mesh file (default: bottle)")
-    parser.add_argument("--scale", type=float, default=1.0, help="factor from the mesh's unit to metres")
-    parser.add_argument(
-        "--concave", default="surface", choices=CONCAVE_SHAPES, help="what stands for a concave mesh (default: surface)"
-    )
-    parser.add_argument("--hand", default="icub_left", help="built-in name or hand description")
+    add_scene_arguments(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Print what was found; returns the exit code."""
-    findings = examine(options.hand, options.object, options.scale, options.concave)
+    with explained():
+        findings = examine(options.hand, options.object, options.scale, options.concave)
     for finding in findings:
         print(f"{MARKS[finding.level]}  {finding.topic}: {finding.text}")
     worst = [sum(finding.level is level for finding in findings) for level in (Level.ERROR, Level.WARNING)]

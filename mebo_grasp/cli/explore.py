@@ -6,20 +6,19 @@ import argparse
 import fcntl
 import math
 import os
-import signal
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 
-import numpy as np
-
-from mebo_grasp.cli.report import ProgressLine, grasp_table
+from mebo_grasp.cli.exploration_summary import print_summary
+from mebo_grasp.cli.explored_nodes import NODES, check_continues, node_parameters
+from mebo_grasp.cli.report import ProgressLine
 from mebo_grasp.cli.run_folder import DATABASE, PICTURE, RUN_LOG
+from mebo_grasp.cli.scene_options import add_scene_arguments, add_trial_arguments, trial_settings
+from mebo_grasp.cli.stopping import stop_at_signals
 from mebo_grasp.errors import InvalidSettingsError, MeboGraspError
-from mebo_grasp.grasp import Pose, StampedGrasp
 from mebo_grasp.grasping.facet_space import FACETS
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.rendering import render_grasps
@@ -37,18 +36,9 @@ from mebo_grasp.optimization.methods.base import (
     MethodSettings,
 )
 from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD, METHOD_NAMES, check_method
-from mebo_grasp.solutions.blocking import BlockingRule
-from mebo_grasp.solutions.occlusion import Box, Occlusion
-
-NODES = ("solution_set_node", "hand_node", "optimizer_node")
 
 START_TIMEOUT = 300.0
 """Seconds until the nodes must be up; a first start compiles, on a busy machine for minutes."""
-
-SETTLE_TIMEOUT = 10.0
-STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-FAR = 1.0
-"""Half side, metres, of the occluding boxes of the demonstration: wide enough for every hand around."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,9 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "Explores an object with three ROS 2 nodes on this machine. An unfinished run in "
         "the output folder is resumed. Ctrl-C stops cleanly and keeps what was found."
     )
-    parser.add_argument("--object", default="bottle", help="built-in name or mesh file (default: bottle)")
-    parser.add_argument("--scale", type=float, default=1.0, help="factor from the mesh's unit to metres")
-    parser.add_argument("--hand", default="icub_left", help="built-in name or hand description")
+    add_scene_arguments(parser)
+    add_trial_arguments(parser)
     parser.add_argument(
         "--method",
         default=DEFAULT_METHOD,
@@ -117,8 +106,9 @@ def _add_noise_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Explore, report and draw; returns the exit code."""
-    target = TargetObject.load(options.object, options.scale)
+    target = TargetObject.load(options.object, options.scale, options.concave)
     hand = HandModel.load(options.hand)
+    trial_settings(options)
     _check(options, hand)
     if Path(options.object).is_file():
         # The nodes and a later `show` may run elsewhere.
@@ -133,11 +123,14 @@ def run(options: argparse.Namespace) -> int:
     ):
         if options.restart:
             _delete_run(directory)
+        parameters = node_parameters(options, directory)
+        check_continues(directory, parameters["hand_node"])
         print(f"exploring '{target.object_id}' (ROS_DOMAIN_ID={domain_id}, this machine only)")
         print(f"the run is kept in {directory}")
-        _start_nodes(nodes, options, directory, domain_id)
+        for name, values in parameters.items():
+            nodes.start(NodeProcess(name, values, directory, domain_id))
         interrupted = not _follow(nodes, client, stop)
-        grasps = _report(client, target)
+        grasps = print_summary(client, target)
     if grasps:
         picture = directory / PICTURE
         render_grasps(target, hand, [stamped.grasp for stamped in grasps], picture)
@@ -204,40 +197,6 @@ def sole_user(directory: Path) -> Iterator[None]:
         os.close(descriptor)
 
 
-def _start_nodes(nodes: NodeGroup, options: argparse.Namespace, directory: Path, domain_id: int) -> None:
-    target = {"object": options.object, "object_scale": options.scale}
-    hand = {"hand": options.hand}
-    optimizer = {
-        "space": options.space,
-        "facet": options.facet,
-        "synergies": options.synergies,
-        "method": options.method,
-        "kernel": options.kernel,
-        "warp": options.warp,
-        "learning": options.learning,
-        "surrogate": options.surrogate,
-        "safe": options.safe,
-        "input_noise_position": options.position_noise,
-        "input_noise_rotation": options.rotation_noise,
-        "seed": options.seed,
-        "budget": options.budget,
-        "initial_points": min(options.initial, options.budget),
-        "num_solutions": options.size,
-        "min_distance": options.min_distance,
-        "run_log": str(directory.resolve() / RUN_LOG),
-    }
-    archive = {
-        "object": options.object,
-        "database": str(directory.resolve() / DATABASE),
-        "size": options.size,
-        "min_distance": options.min_distance,
-    } | hand
-    posture = {"expects_posture": options.space == "pose_posture"}
-    parameters = (archive, target | hand | posture, target | hand | optimizer)
-    for name, values in zip(NODES, parameters, strict=True):
-        nodes.start(NodeProcess(name, values, directory, domain_id))
-
-
 def _follow(nodes: NodeGroup, client: ExplorationClient, stop: threading.Event) -> bool:
     """Show progress until the budget is spent; False when the user stopped it."""
     line = ProgressLine()
@@ -264,75 +223,5 @@ def _follow(nodes: NodeGroup, client: ExplorationClient, stop: threading.Event) 
     return not stop.is_set()
 
 
-@contextmanager
-def stop_at_signals() -> Iterator[threading.Event]:
-    """Note a first Ctrl-C, SIGTERM or closed terminal in an event; a second one raises KeyboardInterrupt.
-
-    Left to themselves the last two would end the process without a word to the nodes, which run on.
-    """
-    stop = threading.Event()
-
-    def note(number: int, frame: FrameType | None) -> None:
-        if stop.is_set():
-            signal.default_int_handler(number, frame)
-        stop.set()
-
-    # nohup has SIGHUP ignored: so it stays.
-    ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
-    numbers = [number for number in STOP_SIGNALS if not (ignored and number == signal.SIGHUP)]
-    before = {number: signal.signal(number, note) for number in numbers}
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
 def _show(line: ProgressLine, now: Standing) -> None:
     line.show(now.evaluations, now.budget, now.best_quality, now.seconds_per_trial, now.note)
-
-
-def _report(client: ExplorationClient, target: TargetObject) -> tuple[StampedGrasp, ...]:
-    """Print the set and the best grasps under occlusion; return the set."""
-    if client.standing is None or not client.services_ready():
-        return ()
-    kept = client.solution_set()
-    end = time.monotonic() + SETTLE_TIMEOUT
-    while kept.stored < client.standing.evaluations and time.monotonic() < end:
-        client.spin(0.05)
-        kept = client.solution_set()
-    print(
-        f"\n{kept.stored} trials stored; {len(kept.grasps)} diverse grasps, mean quality "
-        f"{kept.mean_quality:.4f}, mean distance to the nearest {1000 * kept.mean_min_distance:.0f} mm"
-    )
-    if not kept.grasps:
-        print("no grasp with a quality above 0 was found")
-        return ()
-    print(grasp_table(kept.grasps))
-    top, middle = third_of(target, 2, "top"), third_of(target, 1, "middle")
-    for occluded, occlusions in (("the top", [top]), ("top and middle", [top, middle])):
-        _print_best(client, f"with {occluded} occluded, by the TCP alone", occlusions, BlockingRule.TCP)
-    _print_best(client, "with the top occluded, for the whole hand", [top], BlockingRule.HAND)
-    return kept.grasps
-
-
-def third_of(target: TargetObject, index: int, name: str) -> Occlusion:
-    """Return the occlusion of one third of an object's height and all beside it.
-
-    Args:
-        target: the object.
-        index: 0 for the lowest third, 2 for the highest, which reaches far above the object.
-        name: name of the occlusion.
-    """
-    lowest, highest = target.bounds[:, 2]
-    third = (highest - lowest) / 3.0
-    bottom = lowest + index * third
-    top = highest + FAR if index == 2 else bottom + third
-    center = np.array([*target.bounds.mean(axis=0)[:2], (bottom + top) / 2.0])
-    return Occlusion(name, Box((2 * FAR, 2 * FAR, float(top - bottom))), Pose(center))
-
-
-def _print_best(client: ExplorationClient, title: str, occlusions: Sequence[Occlusion], rule: BlockingRule) -> None:
-    answer = client.best_grasp(occlusions, rule)
-    print(f"\nbest grasp {title} ({answer.occluded} of {answer.considered} grasps looked at are blocked):")
-    print(f"  none: {answer.message}" if answer.best is None else grasp_table([answer.best]))

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from mebo_grasp.cli.filters import add_filter_arguments, explain, metric_of, query_of
+from mebo_grasp.cli.first_use import explained
 from mebo_grasp.cli.report import grasp_table, require_png
 from mebo_grasp.cli.run_folder import PAGE, PICTURE, StoredRun, add_run_arguments
 from mebo_grasp.grasp_page import write_run_page
@@ -29,7 +30,7 @@ def run(options: argparse.Namespace) -> int:
     target, hand = stored_run.target(), stored_run.hand()
     metric = metric_of(options)
     query = query_of(options, 1)
-    with stored_run.open(query.rule is BlockingRule.HAND, metric) as archive:
+    with explained(), stored_run.open(query.rule is BlockingRule.HAND, metric) as archive:
         answer, stored = archive.best(query), len(archive)
     solutions = SolutionSet.of(target.object_id, answer.grasps, query.min_diversity, metric)
     print(

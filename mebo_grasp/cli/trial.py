@@ -8,7 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from mebo_grasp.cli.first_use import explained
 from mebo_grasp.cli.report import require_png
+from mebo_grasp.cli.scene_options import add_scene_arguments, add_trial_arguments, trial_settings
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import Grasp, Pose
 from mebo_grasp.grasping.hand_model import HandModel
@@ -16,8 +18,8 @@ from mebo_grasp.grasping.pose_space import position_space
 from mebo_grasp.grasping.rendering import render_trial
 from mebo_grasp.grasping.robustness import ExecutionNoise, execute_repeatedly
 from mebo_grasp.grasping.simulator import GraspSimulator
-from mebo_grasp.grasping.target_object import CONCAVE_SHAPES, TargetObject
-from mebo_grasp.grasping.trial import CONTACT_MODELS, ENGINE_NAMES, QUALITY_NAMES, TrialSettings
+from mebo_grasp.grasping.target_object import TargetObject
+from mebo_grasp.grasping.trial import TrialSettings
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,22 +29,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "object's frame: x y z in metres, then either roll pitch yaw in radians or a quaternion qx qy qz qw. "
         "Numbers like -1e-3 must stand in quotes with the others: --pose '0 0.05 -1e-3 -1.57 0 0'."
     )
-    parser.add_argument("--object", default="bottle", help="built-in name or mesh file (default: bottle)")
-    parser.add_argument("--scale", type=float, default=1.0, help="factor from the mesh's unit to metres")
-    parser.add_argument(
-        "--concave", default="surface", choices=CONCAVE_SHAPES, help="what stands for a concave mesh (default: surface)"
-    )
-    parser.add_argument("--hand", default="icub_left", help="built-in name or hand description")
+    add_scene_arguments(parser)
     parser.add_argument(
         "--pose", nargs="+", metavar="NUMBER", help="default: the middle of the object's position space"
     )
-    parser.add_argument("--engine", default="bullet", choices=ENGINE_NAMES, help="default: bullet")
-    parser.add_argument("--metric", default="epsilon", choices=QUALITY_NAMES, help="the quality (default: epsilon)")
-    parser.add_argument("--friction", type=float, default=0.5, help="coefficient of friction (default: 0.5)")
-    parser.add_argument("--edges", type=int, default=8, help="edges of a friction pyramid (default: 8)")
-    parser.add_argument(
-        "--contact", default="hard", choices=CONTACT_MODELS, help="what a contact transmits (default: hard)"
-    )
+    add_trial_arguments(parser)
     parser.add_argument("--repeat", type=int, default=0, help="also execute it so many times with noise")
     for name, unit in (("position", "m"), ("rotation", "rad"), ("friction", "1"), ("normal", "rad")):
         parser.add_argument(
@@ -57,18 +48,14 @@ def run(options: argparse.Namespace) -> int:
     require_png("--out", options.out)
     if options.repeat < 0:
         raise InvalidSettingsError(f"--repeat is {options.repeat}; it must be at least 1, or 0 for none")
-    settings = TrialSettings(
-        friction=options.friction,
-        cone_edges=options.edges,
-        contact_model=options.contact,
-        quality=options.metric,
-        engine=options.engine,
-    )
+    settings = trial_settings(options)
     target = TargetObject.load(options.object, options.scale, options.concave)
     hand = HandModel.load(options.hand)
     pose = middle_pose(target, hand) if options.pose is None else parse_pose(" ".join(options.pose))
-    with GraspSimulator(target, hand, settings) as simulator:
+    with explained():
+        simulator = GraspSimulator(target, hand, settings)
         simulator.trial(pose)  # The first one loads compiled code, which is not what a trial takes.
+    with simulator:
         grasp = simulator.trial(pose)
         further = simulator.further_metrics(grasp)
         print(trial_text(grasp, settings, further))

@@ -1,1 +1,1 @@
-"""How we know: benchmarks, metrics and tables."""
+"""How good the methods are: experiments from a definition through runs and scores to a report."""

@@ -9,22 +9,22 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mebo_grasp.errors import InvalidSettingsError, MeboGraspError
-from mebo_grasp.experiments.cec2013_objective import Cec2013
-from mebo_grasp.experiments.job import BATCH_SIZE, BUDGET, N_INITIAL, SEEDS, Job, make_jobs
-from mebo_grasp.experiments.peers import PEER_NAMES, installed_peers
-from mebo_grasp.experiments.plots import plot_found_optima
+from mebo_grasp.experiments.objectives.cec2013 import Cec2013
 from mebo_grasp.experiments.problems import (
     CLASSIC_FUNCTIONS,
     THESIS_FUNCTIONS,
     get_problem,
     select_problems,
 )
-from mebo_grasp.experiments.progress import say
-from mebo_grasp.experiments.protocol import known_methods, select_methods
-from mebo_grasp.experiments.result_set import ResultSet
-from mebo_grasp.experiments.run_costs import SECONDS, slow_peers
-from mebo_grasp.experiments.runner import Outcome, run_jobs
-from mebo_grasp.experiments.tables import all_tables, legend
+from mebo_grasp.experiments.reports.cec2013_plots import plot_found_optima
+from mebo_grasp.experiments.reports.cec2013_tables import all_tables, legend
+from mebo_grasp.experiments.runs.job import BATCH_SIZE, BUDGET, N_INITIAL, SEEDS, Job, make_jobs
+from mebo_grasp.experiments.runs.peers import PEER_NAMES, installed_peers
+from mebo_grasp.experiments.runs.progress import say
+from mebo_grasp.experiments.runs.protocol import known_methods, select_methods
+from mebo_grasp.experiments.runs.run_costs import SECONDS, slow_peers
+from mebo_grasp.experiments.runs.runner import Outcome, run_jobs
+from mebo_grasp.experiments.scores.result_set import ResultSet
 from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD
 
 DEFAULT_METHODS = ("default", "mebo")

@@ -24,13 +24,13 @@ from typing import Any
 import yaml
 
 from mebo_grasp.errors import InvalidFileError, InvalidSettingsError
-from mebo_grasp.experiments.job import BATCH_SIZE, BUDGET, N_INITIAL, SEEDS, Job
 from mebo_grasp.experiments.objective import Objective
-from mebo_grasp.experiments.objectives import make_objective, setting_names
-from mebo_grasp.experiments.peers import installed_peers
-from mebo_grasp.experiments.protocol import select_methods
-from mebo_grasp.experiments.run_costs import slow_peers
-from mebo_grasp.experiments.scores import METRICS, check_metrics
+from mebo_grasp.experiments.objectives.registry import make_objective, setting_names
+from mebo_grasp.experiments.runs.job import BATCH_SIZE, BUDGET, N_INITIAL, SEEDS, Job
+from mebo_grasp.experiments.runs.peers import installed_peers
+from mebo_grasp.experiments.runs.protocol import select_methods
+from mebo_grasp.experiments.runs.run_costs import slow_peers
+from mebo_grasp.experiments.scores.study_scores import METRICS, check_metrics
 from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD
 
 PART_KEYS = ("objective", "space", "methods", "budget", "initial", "batch", "seeds")

@@ -12,14 +12,14 @@ from typing import Any
 import yaml
 
 from mebo_grasp.errors import InvalidSettingsError
-from mebo_grasp.experiments.cluster import dask_pool
 from mebo_grasp.experiments.definition import Definition, load_definition
-from mebo_grasp.experiments.progress import say
-from mebo_grasp.experiments.report import write_report
-from mebo_grasp.experiments.results import load_results
-from mebo_grasp.experiments.runner import Outcome, local_pool, run_jobs
-from mebo_grasp.experiments.scores import Run
-from mebo_grasp.experiments.study_tables import LEGEND
+from mebo_grasp.experiments.reports.report import write_report
+from mebo_grasp.experiments.reports.study_tables import LEGEND
+from mebo_grasp.experiments.runs.cluster import dask_pool
+from mebo_grasp.experiments.runs.progress import say
+from mebo_grasp.experiments.runs.results import load_results
+from mebo_grasp.experiments.runs.runner import Outcome, local_pool, run_jobs
+from mebo_grasp.experiments.scores.study_scores import Run
 
 EXIT_FAILED, EXIT_INTERRUPTED = 1, 130
 

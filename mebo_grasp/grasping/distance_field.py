@@ -23,6 +23,8 @@ IntArray = npt.NDArray[np.int64]
 MOST_CELLS_ALONG = 96
 SMALLEST_CELL = 0.0012
 MARGIN_CELLS = 3
+MOST_HEIGHTS = 500_000
+"""Heights of points above faces that are looked at together: all at once would take a gigabyte for a fine mesh."""
 
 
 class DistanceField(NamedTuple):
@@ -70,9 +72,10 @@ def inside_parts(points: FloatArray, parts: tuple[FloatArray, ...]) -> npt.NDArr
     for part in parts:
         hull = trimesh.PointCloud(part).convex_hull
         normals, corners = np.asarray(hull.face_normals), np.asarray(hull.triangles[:, 0])
-        near = np.all((points >= part.min(axis=0)) & (points <= part.max(axis=0)), axis=1) & ~inside
-        heights = points[near] @ normals.T - np.einsum("ij,ij->i", normals, corners)
-        inside[near] = np.all(heights <= 0.0, axis=1)
+        offsets = np.einsum("ij,ij->i", normals, corners)
+        near = np.flatnonzero(np.all((points >= part.min(axis=0)) & (points <= part.max(axis=0)), axis=1) & ~inside)
+        for some in np.array_split(near, 1 + len(near) * len(normals) // MOST_HEIGHTS):
+            inside[some] = np.all(points[some] @ normals.T <= offsets, axis=1)
     return inside
 
 

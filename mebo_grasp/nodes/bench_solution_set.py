@@ -1,6 +1,6 @@
 """Measures the solution set node over real DDS: ``python -m mebo_grasp.nodes.bench_solution_set``.
 
-Fills archives as ``bench_solutions`` does, starts the node on each, and prints with spread: the time until it
+Fills archives as ``benchmarks.solutions`` does, starts the node on each, and prints with spread: the time until it
 answers, the answer time of ``get_best_grasp`` (k = 10) under both rules in random scenes, the time from
 ``occlusions`` to ``best_grasp`` and to ``solution_set``, the time from a trial to its being served, and memory.
 """
@@ -21,7 +21,7 @@ from mebo_grasp_interfaces.msg import Occlusion as OcclusionMsg
 from mebo_grasp_interfaces.msg import SolutionSet as SolutionSetMsg
 from mebo_grasp_interfaces.srv import GetBestGrasp, GetSolutionSet
 
-from mebo_grasp.experiments.bench_solutions import OBJECT, fill, in_own_process, make_scene, make_trials
+from mebo_grasp.benchmarks.solutions import OBJECT, fill, in_own_process, make_scene, make_trials
 from mebo_grasp.grasp import Pose, StampedGrasp
 from mebo_grasp.nodes import qos
 from mebo_grasp.nodes.bench_nodes import Bench, memory, processor_seconds, spread
@@ -109,7 +109,7 @@ def bench_node(folder: Path, stored: int, count: int, shapes: int, seed: int) ->
     scenes = scenes_of(count, shapes, seed)
     with private_domain() as domain_id, NodeGroup() as nodes:
         start = time.perf_counter()
-        # The grasps are of bench_solutions' synthetic hand: it arrives along its own z.
+        # The grasps are of benchmarks.solutions' synthetic hand: it arrives along its own z.
         parameters = {"object": OBJECT, "database": str(database), "approach_axis": [0.0, 0.0, 1.0]}
         node = NodeProcess("solution_set_node", parameters, folder, domain_id)
         nodes.start(node)

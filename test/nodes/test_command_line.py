@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from mebo_grasp.solutions.archive import SolutionArchive
+from mebo_grasp.solutions.best_grasp import BestGraspQuery
 
 from .harness import WAIT, wait_until
 
@@ -55,6 +56,21 @@ def test_explore_prints_the_set_and_what_is_left_under_occlusion_and_show_repeat
     assert all(row in done.stdout for row in re.findall(r"^ +\d+  .*$", shown.stdout, flags=re.MULTILINE))
     assert rows
     assert picture.read_bytes().startswith(PNG)
+
+
+@pytest.mark.nodes
+def test_explore_judges_by_the_metric_chosen_and_does_not_mix_metrics_in_a_folder(tmp_path: Path) -> None:
+    arguments = ["explore", "--budget", "20", "--initial", "20", "--engine", "fast", "--out", str(tmp_path / "run")]
+    done = run(*arguments, "--metric", "simox_epsilon")
+    assert done.returncode == 0, done.stderr
+    with SolutionArchive(tmp_path / "run" / "trials.db", "bottle") as archive:
+        grasps = [stamped.grasp for stamped in archive.best(BestGraspQuery((), 20)).grasps]
+    assert grasps
+    assert all(grasp.quality > grasp.epsilon for grasp in grasps)
+
+    refused = run(*arguments, "--metric", "epsilon")
+    assert refused.returncode == 2
+    assert "--metric simox_epsilon, not epsilon" in refused.stderr
 
 
 @pytest.mark.nodes

@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc, spearmanr
 
-from mebo_grasp.experiments.bench_gaps import true_gaps
+from mebo_grasp.benchmarks.hand_gaps import true_gaps
 from mebo_grasp.grasp import Grasp, GraspOutcome, HandPosture
 from mebo_grasp.grasping.bullet_world import BulletWorld
 from mebo_grasp.grasping.engine import ENGINES_APART

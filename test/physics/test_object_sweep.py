@@ -10,9 +10,8 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from mebo_grasp.experiments import object_sweep
-from mebo_grasp.experiments.installed_files import package_folder
-from mebo_grasp.experiments.object_sweep import (
+from mebo_grasp.benchmarks import object_sweep
+from mebo_grasp.benchmarks.object_sweep import (
     EXTRAS,
     RANDOM_SHAPES,
     SweepResult,
@@ -23,6 +22,7 @@ from mebo_grasp.experiments.object_sweep import (
     sweep,
     try_object,
 )
+from mebo_grasp.experiments.objectives.installed_files import package_folder
 
 SAMPLE = ("random_urdfs/000/000.obj", "random_urdfs/377/377.obj", "random_urdfs/741/741.obj", *EXTRAS)
 

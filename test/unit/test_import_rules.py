@@ -47,21 +47,20 @@ class Room:
     closed: bool = False
 
 
-def _layers() -> tuple[Room, ...]:
-    """Within optimization: each layer sees those before it, never back."""
-    rooms = [Room(leaf, GROUND) for leaf in LEAVES]
-    rooms.append(Room(INPUT_NOISE, (*GROUND, f"{OPTIMIZATION}.search_space")))
-    below = (*GROUND, *LEAVES, INPUT_NOISE)
-    for layer in ("surrogate", "acquisition", "selection", "methods", "optimizer", "run_log"):
-        name = f"{OPTIMIZATION}.{layer}"
-        rooms.append(Room(name, below))
-        below = (*below, name)
+def _layers(folder: str, below: tuple[str, ...], names: tuple[str, ...]) -> tuple[Room, ...]:
+    """Within a folder: each layer sees those before it, never back."""
+    rooms = []
+    for name in names:
+        rooms.append(Room(f"{folder}.{name}", below))
+        below = (*below, rooms[-1].name)
     return tuple(rooms)
 
 
 THREE_ROOMS = (OPTIMIZATION, "mebo_grasp.grasping", "mebo_grasp.solutions")
 BETWEEN_ROOMS = ("mebo_grasp.hand_volumes", "mebo_grasp.grasp_page")
-BELOW_NODES = (*GROUND, *THREE_ROOMS, *BETWEEN_ROOMS, "mebo_grasp.experiments", "msg_adapters")
+BELOW_EXPERIMENTS = (*GROUND, *THREE_ROOMS, *BETWEEN_ROOMS)
+EXPERIMENTS = "mebo_grasp.experiments"
+BELOW_NODES = (*BELOW_EXPERIMENTS, EXPERIMENTS, "mebo_grasp.benchmarks", "msg_adapters")
 # Value types of the solutions room that have a message.
 SOLUTION_VALUES = (
     "mebo_grasp.solutions.frames",
@@ -77,7 +76,13 @@ ROOMS = (
     Room("mebo_grasp.grasp", ("mebo_grasp.errors",)),
     Room("mebo_grasp.quality_diversity", ("mebo_grasp.compiling", "mebo_grasp.grasp")),
     Room(OPTIMIZATION, GROUND, closed=True),
-    *_layers(),
+    *(Room(leaf, GROUND) for leaf in LEAVES),
+    Room(INPUT_NOISE, (*GROUND, f"{OPTIMIZATION}.search_space")),
+    *_layers(
+        OPTIMIZATION,
+        (*GROUND, *LEAVES, INPUT_NOISE),
+        ("surrogate", "acquisition", "selection", "methods", "optimizer", "run_log"),
+    ),
     Room("mebo_grasp.grasping", GROUND, (BULLET,)),
     Room("mebo_grasp.solutions", GROUND),
     Room("msg_adapters", (*GROUND, *SOLUTION_VALUES), (MESSAGES, AMENT_INDEX)),
@@ -85,7 +90,14 @@ ROOMS = (
     Room("mebo_grasp.hand_volumes", (*GROUND, "mebo_grasp.grasping", "mebo_grasp.solutions")),
     # Its looks, for the pages that show a set.
     Room("mebo_grasp.grasp_page", (*GROUND, "mebo_grasp.grasping", "mebo_grasp.solutions")),
-    Room("mebo_grasp.experiments", (*GROUND, *THREE_ROOMS, *BETWEEN_ROOMS)),
+    # Its files that no layer names are the commands: they see all layers.
+    Room(EXPERIMENTS, BELOW_EXPERIMENTS),
+    *_layers(
+        EXPERIMENTS,
+        BELOW_EXPERIMENTS,
+        ("published", "problems", "objective", "objectives", "runs", "scores", "definition", "reports"),
+    ),
+    Room("mebo_grasp.benchmarks", (*BELOW_EXPERIMENTS, EXPERIMENTS)),
     Room("mebo_grasp.nodes", BELOW_NODES, (ROS_CLIENT, MESSAGES, AMENT_INDEX)),
     Room("mebo_grasp.cli", ("mebo_grasp.__version__", "mebo_grasp.nodes", *BELOW_NODES)),
 )
@@ -187,7 +199,7 @@ def test_every_room_of_the_table_exists() -> None:
         ("mebo_grasp.cli.explore", "from mebo_grasp_interfaces.msg import GraspQuality"),
         ("msg_adapters.pose", "import rclpy.time"),
         ("mebo_grasp.nodes.hand_node", "import pybullet as p"),
-        ("mebo_grasp.experiments.tables", "import pybullet_data"),
+        ("mebo_grasp.experiments.reports.cec2013_tables", "import pybullet_data"),
         ("mebo_grasp.optimization.search_space", "importlib.import_module('pybullet')"),
         ("mebo_grasp.optimization.methods.new", "from mebo_grasp.solutions.diversity import select"),
         ("mebo_grasp.optimization.methods.new", "from mebo_grasp import grasping"),
@@ -195,8 +207,8 @@ def test_every_room_of_the_table_exists() -> None:
         ("mebo_grasp.grasping.trial", "from mebo_grasp.optimization.search_space import SearchSpace"),
         ("mebo_grasp.solutions.archive", "from ..grasping import hand_model"),
         ("mebo_grasp.solutions.archive", "from mebo_grasp.nodes import qos"),
-        ("mebo_grasp.experiments.runner", "from mebo_grasp.nodes import qos"),
-        ("mebo_grasp.experiments.runner", "import msg_adapters.pose"),
+        ("mebo_grasp.experiments.runs.runner", "from mebo_grasp.nodes import qos"),
+        ("mebo_grasp.experiments.runs.runner", "import msg_adapters.pose"),
         ("mebo_grasp.nodes.hand_node", "from mebo_grasp.cli import main"),
         ("msg_adapters.grasp", "from mebo_grasp.grasping.trial import Trial"),
         ("msg_adapters.grasp", "from mebo_grasp.solutions.archive import SolutionArchive"),

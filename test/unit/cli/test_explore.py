@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from mebo_grasp.cli.explore import STOP_SIGNALS, sole_user, stop_at_signals
+from mebo_grasp.cli.explore import sole_user
 from mebo_grasp.cli.main import main
+from mebo_grasp.cli.stopping import STOP_SIGNALS, stop_at_signals
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mebo_grasp.experiments.cec2013_objective import Cec2013
-from mebo_grasp.experiments.cluster import dask_pool
-from mebo_grasp.experiments.job import Job, make_jobs
-from mebo_grasp.experiments.results import RESULTS_FILE
-from mebo_grasp.experiments.run_trace import read_trace
-from mebo_grasp.experiments.runner import run_jobs
+from mebo_grasp.experiments.objectives.cec2013 import Cec2013
+from mebo_grasp.experiments.runs.cluster import dask_pool
+from mebo_grasp.experiments.runs.job import Job, make_jobs
+from mebo_grasp.experiments.runs.results import RESULTS_FILE
+from mebo_grasp.experiments.runs.run_trace import read_trace
+from mebo_grasp.experiments.runs.runner import run_jobs
 
 distributed = pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
 

@@ -10,7 +10,7 @@ import yaml
 
 from mebo_grasp.errors import InvalidFileError, InvalidSettingsError
 from mebo_grasp.experiments.definition import builtin_names, load_definition, make_definition
-from mebo_grasp.experiments.scores import METRICS
+from mebo_grasp.experiments.scores.study_scores import METRICS
 
 SMALL: dict[str, Any] = {
     "objective": {"name": "cec2013", "problem": ["himmelblau", "equal_maxima"]},

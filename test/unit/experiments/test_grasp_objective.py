@@ -10,9 +10,9 @@ import trimesh
 import yaml
 
 from mebo_grasp.errors import InvalidObjectError
-from mebo_grasp.experiments.grasp_objective import GraspObjective
-from mebo_grasp.experiments.job import Job
-from mebo_grasp.experiments.protocol import settings_of
+from mebo_grasp.experiments.objectives.grasp import GraspObjective
+from mebo_grasp.experiments.runs.job import Job
+from mebo_grasp.experiments.runs.protocol import settings_of
 from mebo_grasp.grasping.hand_model import HandModel
 from mebo_grasp.grasping.pose_space import pose_space_6d
 from mebo_grasp.grasping.simulator import GraspSimulator

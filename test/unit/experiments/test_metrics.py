@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from mebo_grasp.errors import InvalidSettingsError
-from mebo_grasp.experiments.metrics import (
+from mebo_grasp.experiments.problems import get_problem, transform
+from mebo_grasp.experiments.problems.metrics import (
     RunScore,
     basin,
     competition_count,
@@ -17,7 +18,6 @@ from mebo_grasp.experiments.metrics import (
     thesis_accuracy,
     thesis_score,
 )
-from mebo_grasp.experiments.problems import get_problem, transform
 
 TRAP = get_problem("five_uneven_peak_trap")
 EQUAL = get_problem("equal_maxima")

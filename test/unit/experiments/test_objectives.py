@@ -16,12 +16,12 @@ import pytest
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.experiments.definition import make_definition
-from mebo_grasp.experiments.job import Job, make_jobs
 from mebo_grasp.experiments.objective import Evaluator, Objective, WantedSet, pointwise
-from mebo_grasp.experiments.objectives import make_objective, objective_names
-from mebo_grasp.experiments.run_job import run_job
-from mebo_grasp.experiments.runner import run_jobs
-from mebo_grasp.experiments.scores import METRICS, Run
+from mebo_grasp.experiments.objectives.registry import make_objective, objective_names
+from mebo_grasp.experiments.runs.job import Job, make_jobs
+from mebo_grasp.experiments.runs.run_job import run_job
+from mebo_grasp.experiments.runs.runner import run_jobs
+from mebo_grasp.experiments.scores.study_scores import METRICS, Run
 from mebo_grasp.optimization.search_space import SearchSpace
 
 MODULE = """

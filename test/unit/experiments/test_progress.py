@@ -4,12 +4,12 @@ import io
 
 import pytest
 
-from mebo_grasp.experiments.cec2013_objective import Cec2013
-from mebo_grasp.experiments.job import Job
-from mebo_grasp.experiments.peers import PEER_NAMES
-from mebo_grasp.experiments.progress import Progress
-from mebo_grasp.experiments.protocol import VARIANTS, known_methods
-from mebo_grasp.experiments.run_costs import SECONDS, CostEstimate, expected_seconds, slow_peers
+from mebo_grasp.experiments.objectives.cec2013 import Cec2013
+from mebo_grasp.experiments.runs.job import Job
+from mebo_grasp.experiments.runs.peers import PEER_NAMES
+from mebo_grasp.experiments.runs.progress import Progress
+from mebo_grasp.experiments.runs.protocol import VARIANTS, known_methods
+from mebo_grasp.experiments.runs.run_costs import SECONDS, CostEstimate, expected_seconds, slow_peers
 
 VINCENT, TRAP = Job("mebo", Cec2013("vincent_2d"), 0), Job("mebo", Cec2013("five_uneven_peak_trap"), 0)
 

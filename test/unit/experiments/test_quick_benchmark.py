@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from mebo_grasp.experiments.cec2013_command import default_method
-from mebo_grasp.experiments.cec2013_objective import Cec2013
-from mebo_grasp.experiments.job import make_jobs
+from mebo_grasp.experiments.objectives.cec2013 import Cec2013
 from mebo_grasp.experiments.problems import THESIS_FUNCTIONS
-from mebo_grasp.experiments.published import METHODS_1D, METHODS_2D
-from mebo_grasp.experiments.runner import run_jobs
+from mebo_grasp.experiments.published.thesis import METHODS_1D, METHODS_2D
+from mebo_grasp.experiments.runs.job import make_jobs
+from mebo_grasp.experiments.runs.runner import run_jobs
 
 SEEDS = 3
 

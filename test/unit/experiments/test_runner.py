@@ -16,16 +16,17 @@ import numpy as np
 import pytest
 
 from mebo_grasp.errors import InvalidSettingsError, RunLogError
-from mebo_grasp.experiments import cec2013_objective, peers
-from mebo_grasp.experiments import run_job as run_job_module
-from mebo_grasp.experiments.acquisition_study import STUDY_NAMES
-from mebo_grasp.experiments.cec2013_objective import Cec2013
-from mebo_grasp.experiments.job import Job, make_jobs
+from mebo_grasp.experiments.objectives import cec2013 as cec2013_objective
+from mebo_grasp.experiments.objectives.cec2013 import Cec2013
 from mebo_grasp.experiments.problems import Problem, get_problem
-from mebo_grasp.experiments.results import RESULTS_FILE, load_results
-from mebo_grasp.experiments.run_job import RunStopped, run_job
-from mebo_grasp.experiments.run_trace import read_trace
-from mebo_grasp.experiments.runner import _sole_user, _work, run_jobs
+from mebo_grasp.experiments.runs import peers
+from mebo_grasp.experiments.runs import run_job as run_job_module
+from mebo_grasp.experiments.runs.acquisition_study import STUDY_NAMES
+from mebo_grasp.experiments.runs.job import Job, make_jobs
+from mebo_grasp.experiments.runs.results import RESULTS_FILE, load_results
+from mebo_grasp.experiments.runs.run_job import RunStopped, run_job
+from mebo_grasp.experiments.runs.run_trace import read_trace
+from mebo_grasp.experiments.runs.runner import _sole_user, _work, run_jobs
 from mebo_grasp.grasp import FloatArray
 
 SMALL: dict[str, Any] = {"budget": 16, "n_initial": 7, "batch_size": 3}
@@ -273,9 +274,10 @@ def test_bad_requests_are_refused(tmp_path: Path) -> None:
 _SCRIPT = """
 import sys
 from pathlib import Path
-from mebo_grasp.experiments.cec2013_objective import Cec2013
-from mebo_grasp.experiments.job import make_jobs
-from mebo_grasp.experiments.runner import run_jobs
+from mebo_grasp.experiments.objectives import cec2013 as cec2013_objective
+from mebo_grasp.experiments.objectives.cec2013 import Cec2013
+from mebo_grasp.experiments.runs.job import make_jobs
+from mebo_grasp.experiments.runs.runner import run_jobs
 jobs = make_jobs(["mebo"], [Cec2013("vincent_2d")], [0, 1], budget=90, n_initial=10)
 outcome = run_jobs(jobs, Path(sys.argv[1]), workers=1)
 sys.exit(130 if outcome.interrupted else 0)

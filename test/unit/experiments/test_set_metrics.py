@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mebo_grasp.experiments.set_metrics import (
+from mebo_grasp.experiments.scores.set_metrics import (
     best_so_far,
     best_value,
     diverse_count,

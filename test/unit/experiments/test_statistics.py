@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mebo_grasp.experiments.statistics import against_best, holm, mean_sd, paired_p
+from mebo_grasp.experiments.scores.statistics import against_best, holm, mean_sd, paired_p
 
 
 def _seeds(*values: float) -> dict[int, float]:

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from mebo_grasp.cli.main import main
-from mebo_grasp.experiments.results import RESULTS_FILE
+from mebo_grasp.experiments.runs.results import RESULTS_FILE
 
 REPOSITORY = Path(__file__).resolve().parents[3]
 DOCS = (REPOSITORY / "docs" / "experiments.md").read_text(encoding="utf-8")
@@ -113,7 +113,7 @@ def test_bad_options_are_told(
 def test_a_cluster_without_its_package_or_scheduler_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mebo_grasp.experiments.cluster.CONNECT_SECONDS", 1)
+    monkeypatch.setattr("mebo_grasp.experiments.runs.cluster.CONNECT_SECONDS", 1)
     words = ["--only", "method=random", "--out", str(tmp_path), "--cluster", "tcp://127.0.0.1:1"]
     assert main([*QUICK, *words]) == 2
     expected = "no Dask scheduler answers" if find_spec("distributed") else "pip install 'mebo_grasp[cluster]'"

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mebo_grasp.experiments.cec2013_objective import Cec2013
-from mebo_grasp.experiments.grasp_objective import GraspObjective
-from mebo_grasp.experiments.job import Job
 from mebo_grasp.experiments.objective import Objective, Trace
-from mebo_grasp.experiments.scores import METRICS, Run
-from mebo_grasp.experiments.study_plots import mean_curves
-from mebo_grasp.experiments.study_tables import CSV_HEADER, csv_text, make_tables, solution_table
-from mebo_grasp.experiments.table import Table
+from mebo_grasp.experiments.objectives.cec2013 import Cec2013
+from mebo_grasp.experiments.objectives.grasp import GraspObjective
+from mebo_grasp.experiments.reports.study_plots import mean_curves
+from mebo_grasp.experiments.reports.study_tables import CSV_HEADER, csv_text, make_tables, solution_table
+from mebo_grasp.experiments.reports.table import Table
+from mebo_grasp.experiments.runs.job import Job
+from mebo_grasp.experiments.scores.study_scores import METRICS, Run
 
 BOTTLE = GraspObjective("bottle", quality="simox_epsilon", bounds="thesis")
 NAN = float("nan")

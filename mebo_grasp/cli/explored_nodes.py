@@ -1,0 +1,97 @@
+"""The parameters that ``explore`` starts its three nodes with, and whether they continue what a folder holds."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+
+import yaml
+
+from mebo_grasp.cli.run_folder import DATABASE, HAND_PARAMETERS, RUN_LOG
+from mebo_grasp.errors import InvalidSettingsError
+
+NODES = ("solution_set_node", "hand_node", "optimizer_node")
+"""In the order in which they are started."""
+HAND_OPTIONS = {
+    "object": "object",
+    "object_scale": "scale",
+    "object_concave": "concave",
+    "hand": "hand",
+    "quality": "metric",
+    "engine": "engine",
+    "friction": "friction",
+    "cone_edges": "edges",
+    "contact_model": "contact",
+}
+"""Parameters of the hand node that say what a trial is, and the option of each."""
+
+
+def node_parameters(options: argparse.Namespace, directory: Path) -> dict[str, dict[str, object]]:
+    """Parameters of each of ``NODES``."""
+    trial = {parameter: getattr(options, option) for parameter, option in HAND_OPTIONS.items()}
+    solutions = {"size": options.size, "min_distance": options.min_distance}
+    return {
+        "solution_set_node": {
+            "object": options.object,
+            "hand": options.hand,
+            "database": str(directory.resolve() / DATABASE),
+            **solutions,
+        },
+        "hand_node": {**trial, "expects_posture": options.space == "pose_posture"},
+        "optimizer_node": {
+            "object": options.object,
+            "object_scale": options.scale,
+            "hand": options.hand,
+            "space": options.space,
+            "facet": options.facet,
+            "synergies": options.synergies,
+            "method": options.method,
+            "kernel": options.kernel,
+            "warp": options.warp,
+            "learning": options.learning,
+            "surrogate": options.surrogate,
+            "safe": options.safe,
+            "input_noise_position": options.position_noise,
+            "input_noise_rotation": options.rotation_noise,
+            "seed": options.seed,
+            "budget": options.budget,
+            "initial_points": min(options.initial, options.budget),
+            "num_solutions": options.size,
+            "min_distance": options.min_distance,
+            "run_log": str(directory.resolve() / RUN_LOG),
+        },
+    }
+
+
+def check_continues(directory: Path, hand: Mapping[str, object]) -> None:
+    """Refuse to continue a run with trials of another kind: their qualities could not be compared.
+
+    Args:
+        directory: folder of the run, which may be new.
+        hand: parameters that the hand is to be started with.
+
+    Raises:
+        InvalidSettingsError: the folder holds trials made with others; the message names the options.
+    """
+    path = directory / HAND_PARAMETERS
+    if not path.exists() or not (directory / DATABASE).exists():
+        return
+    try:
+        before = dict(yaml.safe_load(path.read_text(encoding="utf-8"))["hand_node"]["ros__parameters"])
+    except (yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+        raise InvalidSettingsError(
+            f"{path} does not say how the trials of this run were made ({error!r}): name another folder by --out, or "
+            "give --restart to begin anew"
+        ) from error
+    # A file of an older version lacks what could not be chosen then.
+    changed = [
+        f"--{option} {before[parameter]}, not {hand[parameter]}"
+        for parameter, option in HAND_OPTIONS.items()
+        if parameter in before and before[parameter] != hand[parameter]
+    ]
+    if changed:
+        raise InvalidSettingsError(
+            f"the run in {directory} was made with {' and '.join(changed)}: give the same, name another folder by "
+            "--out, or give --restart to begin anew"
+        )

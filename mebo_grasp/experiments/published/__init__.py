@@ -1,0 +1,1 @@
+"""Figures that the sources print, to stand beside ours."""

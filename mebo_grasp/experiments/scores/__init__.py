@@ -1,0 +1,1 @@
+"""Numbers read of finished runs: metrics, sets, tests of significance."""

@@ -1,0 +1,67 @@
+"""What ``explore`` starts its nodes with, and which folders it continues."""
+
+import argparse
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from mebo_grasp.cli import explore
+from mebo_grasp.cli.explored_nodes import HAND_OPTIONS, NODES, check_continues, node_parameters
+from mebo_grasp.errors import InvalidSettingsError
+from mebo_grasp.nodes.settings import HandNodeSettings, OptimizerNodeSettings, SolutionSetNodeSettings
+
+SETTINGS: dict[str, type[Any]] = {
+    "solution_set_node": SolutionSetNodeSettings,
+    "hand_node": HandNodeSettings,
+    "optimizer_node": OptimizerNodeSettings,
+}
+OTHERS = {
+    "object": "mug", "scale": "0.5", "concave": "parts", "hand": "icub_right", "metric": "volume",
+    "engine": "fast", "friction": "0.7", "edges": "6", "contact": "soft",
+}  # fmt: skip
+
+
+def options_of(*words: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    explore.add_arguments(parser)
+    return parser.parse_args(words)
+
+
+def store(folder: Path, parameters: dict[str, object]) -> None:
+    (folder / "trials.db").touch()
+    (folder / "hand_node.yaml").write_text(yaml.safe_dump({"hand_node": {"ros__parameters": parameters}}))
+
+
+def test_all_parameters_are_the_nodes_own(tmp_path: Path) -> None:
+    parameters = node_parameters(options_of(), tmp_path)
+    assert tuple(parameters) == NODES
+    for node, values in parameters.items():
+        assert set(values) <= {field.name for field in fields(SETTINGS[node])}, node
+
+
+@pytest.mark.parametrize("option", HAND_OPTIONS.values())
+def test_a_run_is_continued_with_the_same_kind_of_trials_only(option: str, tmp_path: Path) -> None:
+    before = node_parameters(options_of(), tmp_path)["hand_node"]
+    other = node_parameters(options_of(f"--{option}", OTHERS[option]), tmp_path)["hand_node"]
+    check_continues(tmp_path, other)
+    store(tmp_path, before)
+    check_continues(tmp_path, before)
+    with pytest.raises(InvalidSettingsError, match=f"--{option} .*, not {OTHERS[option]}: .*--restart"):
+        check_continues(tmp_path, other)
+
+
+def test_a_run_of_before_there_was_a_choice_is_continued(tmp_path: Path) -> None:
+    now = node_parameters(options_of(), tmp_path)["hand_node"]
+    store(tmp_path, {"object": "bottle", "object_scale": 1.0, "hand": "icub_left"})
+    check_continues(tmp_path, now)
+
+
+@pytest.mark.parametrize("text", ["", "hand_node: [", "hand_node: {ros__parameters: 3}"])
+def test_a_run_whose_parameters_are_damaged_is_not(text: str, tmp_path: Path) -> None:
+    store(tmp_path, {})
+    (tmp_path / "hand_node.yaml").write_text(text)
+    with pytest.raises(InvalidSettingsError, match="does not say how the trials"):
+        check_continues(tmp_path, node_parameters(options_of(), tmp_path)["hand_node"])
