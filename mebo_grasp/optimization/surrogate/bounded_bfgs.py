@@ -117,6 +117,12 @@ def minimize_in_box(
             break
         direction = box.direction(here, curvature)
         slope = float(direction @ slopes)
+        if not slope < 0.0:
+            # Rounding has spoilt the matrix: it no longer leads downhill.
+            if curvature is identity:
+                break
+            curvature, gain = identity, 0.0
+            continue
         # A parabola through the last gain: as long as steps gain much less than they promise, full ones overshoot.
         length = 2.0 * gain / -slope if gain > 0.0 else LARGEST_FIRST_STEP / float(np.linalg.norm(direction))
         there = _searched(box, here, direction, slope, min(1.0, length))
