@@ -28,8 +28,8 @@ def best_combination(
 ) -> IndexArray:
     """Return the set of one solution of each cluster that has the greatest QD value.
 
-    All combinations are compared; where that would mean more than ``LARGEST_NUMBER_OF_PAIRS`` distances, single
-    solutions of the set of each cluster's best are exchanged for as long as that makes its QD greater.
+    All combinations are compared; where that would mean more than ``LARGEST_NUMBER_OF_PAIRS`` distances, the worst of
+    the largest clusters are left out.
 
     Args:
         distances: D, shape (n, n).
@@ -40,11 +40,19 @@ def best_combination(
     Returns:
         Rows, best quality first.
     """
-    members = np.concatenate([best_first(cluster, qualities) for cluster in clusters])
-    begins = np.cumsum([0, *(len(cluster) for cluster in clusters)])
-    pairs = math.prod(len(cluster) for cluster in clusters) * len(clusters) ** 2
-    search = _best_combination if pairs <= LARGEST_NUMBER_OF_PAIRS else _best_by_exchange
-    return best_first(search(distances, qualities, members, begins, min_distance), qualities)
+    kept = _limit([best_first(cluster, qualities) for cluster in clusters])
+    begins = np.cumsum([0, *(len(cluster) for cluster in kept)])
+    rows = _best_combination(distances, qualities, np.concatenate(kept), begins, min_distance)
+    return best_first(rows, qualities)
+
+
+def _limit(clusters: list[IndexArray]) -> list[IndexArray]:
+    """Leave out the last of the largest cluster until there are few enough combinations."""
+    most = LARGEST_NUMBER_OF_PAIRS // len(clusters) ** 2
+    while math.prod(len(cluster) for cluster in clusters) > max(most, 1):
+        largest = max(range(len(clusters)), key=lambda k: len(clusters[k]))
+        clusters[largest] = clusters[largest][:-1]
+    return clusters
 
 
 @compiled
@@ -111,27 +119,6 @@ def _best_combination(
         if i < 0:
             return best
         place[i] += 1
-
-
-@compiled
-def _best_by_exchange(
-    distances: FloatArray, qualities: FloatArray, members: IndexArray, begins: IndexArray, min_distance: float
-) -> IndexArray:
-    m = len(begins) - 1
-    rows = members[begins[:m]]
-    best_value = qd_of_rows(distances, qualities, rows, min_distance)
-    while True:
-        before = best_value
-        for k in range(m):
-            kept = rows[k]
-            for place in range(begins[k], begins[k + 1]):
-                rows[k] = members[place]
-                value = qd_of_rows(distances, qualities, rows, min_distance)
-                if value > best_value:
-                    best_value, kept = value, rows[k]
-            rows[k] = kept
-        if best_value <= before:
-            return rows
 
 
 def best_first(rows: IndexArray, qualities: FloatArray) -> IndexArray:

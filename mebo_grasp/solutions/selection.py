@@ -134,8 +134,8 @@ def select_by_clusters(
     """Return the set of M solutions, one of each cluster, with the greatest QD value (thesis, 5.3.2).
 
     The solutions at or above the ninth decile of quality are divided into M clusters by k-means++; where
-    they are too few for that, those above the next decile, and so on. Unlike in the thesis, not all combinations
-    are compared where these are too many; see ``quality_diversity.best_combination``.
+    they are too few for that, those above the next decile, and so on. Unlike in the thesis, the worst of
+    a cluster are left out where there would be too many combinations; see ``quality_diversity.best_combination``.
 
     Args:
         points: to be clustered, each dimension normalized to [0, 1], shape (n, d).
