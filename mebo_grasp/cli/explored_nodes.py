@@ -6,9 +6,7 @@ import argparse
 from collections.abc import Mapping
 from pathlib import Path
 
-import yaml
-
-from mebo_grasp.cli.run_folder import DATABASE, HAND_PARAMETERS, RUN_LOG
+from mebo_grasp.cli.run_folder import DATABASE, HAND_PARAMETERS, RUN_LOG, hand_parameters
 from mebo_grasp.errors import InvalidSettingsError
 
 NODES = ("solution_set_node", "hand_node", "optimizer_node")
@@ -78,8 +76,8 @@ def check_continues(directory: Path, hand: Mapping[str, object]) -> None:
     if not path.exists() or not (directory / DATABASE).exists():
         return
     try:
-        before = dict(yaml.safe_load(path.read_text(encoding="utf-8"))["hand_node"]["ros__parameters"])
-    except (yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+        before = hand_parameters(path)
+    except (KeyError, TypeError, ValueError) as error:
         raise InvalidSettingsError(
             f"{path} does not say how the trials of this run were made ({error!r}): name another folder by --out, or "
             "give --restart to begin anew"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -34,6 +35,18 @@ class ExploredRun:
     hand: str = "icub_left"
 
 
+def hand_parameters(path: Path) -> dict[str, Any]:
+    """Parameters that a run's hand was started with.
+
+    Raises:
+        KeyError, TypeError, ValueError: the file is damaged.
+    """
+    try:
+        return dict(yaml.safe_load(path.read_text(encoding="utf-8"))["hand_node"]["ros__parameters"])
+    except yaml.YAMLError as error:
+        raise ValueError(str(error)) from error
+
+
 def read_run(folder: Path) -> ExploredRun:
     """Read what was explored from the parameters that the hand was started with.
 
@@ -44,9 +57,9 @@ def read_run(folder: Path) -> ExploredRun:
     if not path.exists():
         return ExploredRun()
     try:
-        parameters = yaml.safe_load(path.read_text(encoding="utf-8"))["hand_node"]["ros__parameters"]
+        parameters = hand_parameters(path)
         return ExploredRun(parameters["object"], float(parameters["object_scale"]), parameters["hand"])
-    except (yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise InvalidSettingsError(
             f"{path} does not name what was explored ({error!r}): give --object, --scale and --hand"
         ) from error
