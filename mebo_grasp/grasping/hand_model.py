@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mebo_grasp.errors import InvalidHandError
-from mebo_grasp.grasp import HandPosture, Pose
+from mebo_grasp.grasp import Grasp, HandPosture, Pose
 from mebo_grasp.grasping.hand_description import FingerDescription, HandDescription, read_description
 from mebo_grasp.grasping.icub_meshes import mesh_hand_file
 from mebo_grasp.grasping.urdf import LinkShape, Urdf, read_urdf
@@ -216,6 +216,21 @@ def place_shape(shape: LinkShape, T_tcp_link: FloatArray) -> PlacedShape:
     return PlacedShape(
         shape.link, shape.kind, shape.dims, Pose.from_matrix(T_tcp_link @ shape.T_link_shape), shape.vertices
     )
+
+
+def shapes_in_grasp(hand: HandModel, grasp: Grasp) -> list[PlacedShape]:
+    """Return the shapes for display, in the TCP frame, of the hand that made a grasp, in its final posture.
+
+    Args:
+        hand: the hand; for a grasp by another one of ``HAND_NAMES`` that one is taken.
+        grasp: tells hand and posture; where its posture is of another hand, the preshape is taken.
+    """
+    if grasp.hand != hand.name and grasp.hand in HAND_NAMES:
+        hand = HandModel.load(grasp.hand)
+    try:
+        return hand.link_geometry(grasp.hand_posture)
+    except InvalidHandError:
+        return hand.link_geometry()
 
 
 def check_description(description: HandDescription, urdf: Urdf) -> None:
