@@ -20,6 +20,8 @@ HEADER = (
     f"  {'x, y, z [mm]':>22}  {'roll, pitch, yaw [deg]':>24}"
 )
 
+QUALITY_HEADER = f"  {'quality':>8}"
+"""Of the column that stands beside them where another metric than epsilon was optimized."""
 NOISE_HEADER = f"  {'expected':>8}  {'sd':>8}  {'worst':>8}"
 """Of the columns that stand beside them where quality under noise is known."""
 
@@ -36,12 +38,18 @@ def grasp_row(rank: int, grasp: Grasp) -> str:
 
 
 def grasp_table(grasps: Sequence[StampedGrasp]) -> str:
-    """Return a table of grasps, one a line, in the given order; with figures under noise where any are known."""
-    rows = [grasp_row(rank, stamped.grasp) for rank, stamped in enumerate(grasps, start=1)]
-    if all(stamped.grasp.under_noise is None for stamped in grasps):
-        return "\n".join([HEADER, *rows])
-    noisy = [_under_noise_cells(stamped.grasp) for stamped in grasps]
-    return "\n".join([HEADER + NOISE_HEADER, *map("".join, zip(rows, noisy, strict=True))])
+    """Return a table of grasps, one a line, in the given order.
+
+    The quality has a column of its own where it is not epsilon, figures under noise where any are known.
+    """
+    lines = [HEADER, *(grasp_row(rank, stamped.grasp) for rank, stamped in enumerate(grasps, start=1))]
+    if any(stamped.grasp.quality != stamped.grasp.epsilon for stamped in grasps):
+        cells = [QUALITY_HEADER, *(f"  {stamped.grasp.quality:>8.4g}" for stamped in grasps)]
+        lines = list(map("".join, zip(lines, cells, strict=True)))
+    if any(stamped.grasp.under_noise is not None for stamped in grasps):
+        cells = [NOISE_HEADER, *(_under_noise_cells(stamped.grasp) for stamped in grasps)]
+        lines = list(map("".join, zip(lines, cells, strict=True)))
+    return "\n".join(lines)
 
 
 def _under_noise_cells(grasp: Grasp) -> str:
@@ -96,7 +104,7 @@ class ProgressLine:
         best_text = "-" if math.isnan(best) else f"{best:.4f}"
         rate = f"{1 / seconds_per_trial:.1f} trials/s" if seconds_per_trial > 0 else "- trials/s"
         left = f"{(total - done) * seconds_per_trial:.0f} s left" if seconds_per_trial > 0 else "- s left"
-        line = f"[{bar}] {done}/{total} trials | best epsilon {best_text} | {rate} | {left}"
+        line = f"[{bar}] {done}/{total} trials | best quality {best_text} | {rate} | {left}"
         self._write(f"{line} | {note}" if note else line)
 
     def _write(self, line: str) -> None:
