@@ -251,6 +251,10 @@ def check_description(description: HandDescription, urdf: Urdf) -> None:
             )
     if len(set(named)) != len(named):
         raise InvalidHandError(f"hand '{description.name}': a joint stands in two finger chains")
+    if not urdf.collisions:
+        raise InvalidHandError(
+            f"hand '{description.name}' can touch nothing: no link in {description.urdf_path.name} has any to collide"
+        )
     _check_chains(description, urdf)
     _check_preshape(description, urdf)
 

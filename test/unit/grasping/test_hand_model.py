@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -328,6 +329,14 @@ def test_files_that_are_no_description_are_refused_by_name(content: bytes, tmp_p
     path = tmp_path / "broken.yaml"
     path.write_bytes(content)
     with pytest.raises(InvalidHandError, match=r"broken\.yaml"):
+        HandModel.load(path)
+
+
+def test_a_hand_without_shapes_to_touch_with_is_refused(tmp_path: Path) -> None:
+    path = changed_hand(tmp_path, lambda data: data.update(name="ghost"))
+    urdf = tmp_path / "icub_left.urdf"
+    urdf.write_text(re.sub(r"<collision>.*?</collision>", "", urdf.read_text(), flags=re.DOTALL))
+    with pytest.raises(InvalidHandError, match=r"'ghost' can touch nothing: .*icub_left\.urdf"):
         HandModel.load(path)
 
 
