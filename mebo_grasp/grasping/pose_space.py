@@ -84,6 +84,9 @@ class PoseSpace:
     def __post_init__(self) -> None:
         for which in ("lower", "upper", "base_position", "base_rpy"):
             object.__setattr__(self, which, np.array(getattr(self, which), dtype=np.float64))
+        known = (*POSITION_NAMES, *ROTATION_NAMES)
+        if not self.names or len(set(self.names)) != len(self.names) or any(name not in known for name in self.names):
+            raise InvalidSettingsError(f"dimensions {self.names} must be some of {known}, each once")
         check_bounds(self.names, self.lower, self.upper)
 
     @property
@@ -141,13 +144,10 @@ def check_bounds(names: tuple[str, ...], lower: FloatArray, upper: FloatArray) -
     Raises:
         InvalidSettingsError: naming the dimension and the values.
     """
-    known = (*POSITION_NAMES, *ROTATION_NAMES)
-    if not names or len(set(names)) != len(names) or any(name not in known for name in names):
-        raise InvalidSettingsError(f"dimensions {names} must be some of {known}, each once")
     if lower.shape != (len(names),) or upper.shape != (len(names),):
         raise InvalidSettingsError(
-            f"a space of {len(names)} dimensions needs as many lower and upper bounds, "
-            f"got {lower.shape} and {upper.shape}"
+            f"this space has {len(names)} dimensions ({', '.join(names)}), got bounds of shapes "
+            f"{lower.shape} and {upper.shape}"
         )
     for name, low, high in zip(names, lower, upper, strict=True):
         if not (np.isfinite(low) and np.isfinite(high) and low < high):
