@@ -110,6 +110,8 @@ def test_without_coacd_the_surface_is_kept_and_the_log_says_so(
 def test_an_unknown_way_is_refused() -> None:
     with pytest.raises(InvalidObjectError, match="surface, parts"):
         TargetObject.from_mesh(angle_iron(), "iron", "hull")  # type: ignore[arg-type]
+    with pytest.raises(InvalidObjectError, match="surface, parts"):
+        TargetObject.load("mug", concave="hull")  # type: ignore[arg-type]
 
 
 @needs_coacd
