@@ -199,11 +199,27 @@ def finger_length(hand: HandModel) -> float:
 
 
 def finger_reach(hand: HandModel) -> float:
-    """Return how far the fingers get from the palm along its normal, metres: the longest chain, bent square."""
+    """Return how far the fingers get from the palm along its normal, metres: the longest chain, bent square.
+
+    A chain is as long as the ways between its joints; a finger of one joint, as a gripper's, as its only link.
+    """
     longest = 0.0
     for finger in hand.fingers:
-        length = sum(float(np.linalg.norm(hand.urdf.joint(name).T_parent_joint[:3, 3])) for name in finger.joints[1:])
+        joints = [hand.urdf.joint(name) for name in finger.joints]
+        length = sum(float(np.linalg.norm(joint.T_parent_joint[:3, 3])) for joint in joints[1:])
+        if len(joints) == 1:
+            length = link_length(hand, joints[0].child)
         longest = max(longest, length)
+    return longest
+
+
+def link_length(hand: HandModel, link: str) -> float:
+    """Return how far a link's shapes reach from its joint, metres; 0 for a link without any."""
+    longest = 0.0
+    for shape in hand.urdf.collisions:
+        if shape.link == link:
+            centers, radii = covering_spheres(shape, shape.T_link_shape)
+            longest = max(longest, float((np.linalg.norm(centers, axis=1) + radii).max()))
     return longest
 
 
