@@ -62,6 +62,29 @@ def test_a_log_that_is_being_written_is_not_continued_by_another(tmp_path):
     LoggedOptimizer.resume(path).close()
 
 
+def test_a_log_is_held_before_it_is_read(tmp_path):
+    path = tmp_path / "run.jsonl"
+    run = LoggedOptimizer.create(path, SPACE, "mebo", OptimizerSettings(budget=8, n_initial=8), 3)
+    with path.open("ab") as stream:
+        stream.write(b"{half a line, as another process would see it\n{}\n")
+    with pytest.raises(RunLogError, match="in use by another process"):
+        LoggedOptimizer.resume(path)
+    run.close()
+    for _ in range(2):  # What is refused is not held any longer.
+        with pytest.raises(RunLogError, match="line 2"):
+            LoggedOptimizer.resume(path)
+
+
+@pytest.mark.parametrize("content", ["precious\nthings", '{"kind": "tell"}\n{"torn', ""])
+def test_a_file_that_is_no_run_log_is_left_as_it_is(tmp_path, content):
+    path = tmp_path / "notes.txt"
+    path.write_text(content)
+    for action in (RunLog.append, LoggedOptimizer.resume):
+        with pytest.raises(RunLogError, match="name another file"):
+            action(path)
+    assert path.read_text() == content
+
+
 def test_two_runs_of_one_seed_write_the_same_bytes(tmp_path):
     assert full_run(tmp_path / "a.jsonl") == full_run(tmp_path / "b.jsonl")
 
