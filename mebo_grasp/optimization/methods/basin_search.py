@@ -74,9 +74,8 @@ class BasinSearch(MethodBase):
         if shows_too_little(observations.y):
             return without_repeats(self._look_around(observations, count, rng), observations, rng)
         beliefs = self.surrogate.update(observations.U, observations.y, rng)
-        assumed = np.concatenate([observations.failed, observations.pending])
-        if len(assumed):
-            beliefs = beliefs.condition_on(assumed)
+        if len(observations.without_value):
+            beliefs = beliefs.condition_on(observations.without_value)
         if beliefs.best.chance is not None:
             points = self._search_locally(beliefs.best, observations, count, rng)
         else:
