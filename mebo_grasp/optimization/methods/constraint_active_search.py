@@ -9,7 +9,7 @@ from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.initial_design import sobol
 from mebo_grasp.optimization.methods.surrogate_method import SurrogateMethod
 from mebo_grasp.optimization.observations import Observations
-from mebo_grasp.optimization.selection.coverage import ball_offsets, expected_coverage_improvement
+from mebo_grasp.optimization.selection.coverage import ball_offsets, ball_sides, expected_coverage_improvement
 from mebo_grasp.optimization.surrogate.posterior import Posterior
 
 DEFAULT_QUANTILE = 0.9
@@ -51,10 +51,10 @@ class ConstraintActiveSearch(SurrogateMethod):
         rng: np.random.Generator,
     ) -> FloatArray:
         """Rank a pool by the chance of being good and uncovered, then the best by ECI, then around them."""
-        dim = posterior.dim
+        dim, sides = posterior.dim, ball_sides(radius, scale)
         # Half of the pool lies about one radius from tried points, where the border of what is covered runs.
         around = tried[rng.integers(0, len(tried), N_POOL // 2)]
-        steps = ball_offsets(N_POOL // 2, dim, rng) * (2.0 * radius / scale)
+        steps = ball_offsets(N_POOL // 2, dim, rng) * (2.0 * sides)
         pool = np.concatenate([sobol(N_POOL // 2, dim, rng), np.clip(around + steps, 0.0, 1.0)])
         mean, sd = posterior.predict(pool)
         gaps = np.min(np.linalg.norm((pool[:, None] - tried[None]) * scale, axis=2), axis=1)
@@ -64,7 +64,7 @@ class ConstraintActiveSearch(SurrogateMethod):
         for sd_step in (0.3, 0.1):
             worth = expected_coverage_improvement(posterior, candidates, offsets, tried, threshold, scale, radius)
             best = candidates[int(np.argmax(worth))]
-            moves = sd_step * (radius / scale) * rng.standard_normal((N_REFINED, dim))
+            moves = sd_step * sides * rng.standard_normal((N_REFINED, dim))
             candidates = np.concatenate([best[None], np.clip(best + moves, 0.0, 1.0)])
         worth = expected_coverage_improvement(posterior, candidates, offsets, tried, threshold, scale, radius)
         chosen: FloatArray = candidates[int(np.argmax(worth))]

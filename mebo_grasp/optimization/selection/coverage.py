@@ -21,6 +21,16 @@ def ball_offsets(count: int, dim: int, rng: np.random.Generator) -> FloatArray:
     return offsets
 
 
+def ball_sides(radius: float, scale: FloatArray) -> FloatArray:
+    """How far a ball reaches along each side of the cube, shape (d,): all the way where a side counts nothing.
+
+    Args:
+        radius: of the ball.
+        scale: length of each side of the cube in the metric of ``radius``, shape (d,).
+    """
+    return np.divide(radius, scale, out=np.ones_like(scale), where=scale > 0.0)
+
+
 def expected_coverage_improvement(
     posterior: Posterior,
     candidates: FloatArray,
@@ -44,7 +54,7 @@ def expected_coverage_improvement(
     Returns:
         Shape (m,), each in [0, 1].
     """
-    places = candidates[:, None, :] + offsets[None] * (radius / scale)
+    places = candidates[:, None, :] + offsets[None] * ball_sides(radius, scale)
     flat = places.reshape(-1, candidates.shape[1])
     open_places = np.all((flat >= 0.0) & (flat <= 1.0), axis=1)
     for point in tried:
