@@ -19,6 +19,9 @@ from mebo_grasp.optimization.search_space import SearchSpace, read_only
 
 INITIAL_PHASE = "initial design"
 
+LARGEST_VALUE = 1e100
+"""In size: squares of values, which variances are, have to stay finite."""
+
 OptimizerSettings = MethodSettings
 """One record for the optimizer and its method, so that budget and batch size cannot contradict each other."""
 
@@ -132,9 +135,7 @@ class Optimizer:
         """The best point with a value, the earliest of equals; None before the first value."""
         if self._observations.n == 0:
             return None
-        best = int(np.argmax(self._observations.y))
-        x = read_only(self.space.from_unit(self._observations.U[best]))
-        return Incumbent(x, float(self._observations.y[best]))
+        return self._solution(int(np.argmax(self._observations.y)), None)
 
     @property
     def safe_incumbent(self) -> Incumbent | None:
@@ -147,6 +148,7 @@ class Optimizer:
         return None if outcomes is None else self._solution(int(np.argmax(outcomes.ranking)), outcomes)
 
     def _solution(self, index: int, outcomes: Outcomes | None) -> Incumbent:
+        """An observed point by its index, with what is expected of it if that is known."""
         known = self._observations
         x, value = read_only(self.space.from_unit(known.U[index])), float(known.y[index])
         if outcomes is None:
@@ -228,7 +230,7 @@ class Optimizer:
 
         Raises:
             TrialStateError: no open trial has this id.
-            InvalidSettingsError: the value is not finite.
+            InvalidSettingsError: the value is not finite or beyond ``LARGEST_VALUE``.
         """
         self._check_open(trial_id)
         value = self._checked_value(value)
@@ -251,7 +253,7 @@ class Optimizer:
         """Learn a result that another optimizer asked for (distributed mode, thesis 5.2).
 
         Raises:
-            InvalidSettingsError: the point lies outside the box or the value is not finite.
+            InvalidSettingsError: the point lies outside the box, or the value is as ``tell`` refuses it.
         """
         if not self.space.contains(x):
             raise InvalidSettingsError(
@@ -290,4 +292,8 @@ class Optimizer:
         number = float(value)
         if not math.isfinite(number):
             raise InvalidSettingsError(f"the value of a trial must be finite, got {number}; or tell_failed")
+        if abs(number) > LARGEST_VALUE:
+            raise InvalidSettingsError(
+                f"the value of a trial must be at most {LARGEST_VALUE:g} in size, got {number}; scale the objective"
+            )
         return number

@@ -3,7 +3,7 @@ import pytest
 
 from mebo_grasp.errors import InvalidSettingsError, TrialStateError
 from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD, METHOD_NAMES
-from mebo_grasp.optimization.optimizer import INITIAL_PHASE, Optimizer, OptimizerSettings
+from mebo_grasp.optimization.optimizer import INITIAL_PHASE, LARGEST_VALUE, Optimizer, OptimizerSettings
 from mebo_grasp.optimization.search_space import SearchSpace
 
 SPACE = SearchSpace(("x", "y"), np.array([-5.0, 100.0]), np.array([5.0, 300.0]))
@@ -77,6 +77,18 @@ def test_values_that_are_not_finite_leave_the_trial_open(value):
         optimizer.tell(0, value)
     assert len(optimizer.pending) == 3
     optimizer.tell(0, 1.0)
+
+
+@pytest.mark.parametrize("method", ["basin_search", "bo", "mebo"])
+def test_values_may_be_huge_up_to_a_limit(method):
+    optimizer = small(method, budget=9, n_initial=6, burn_in=5)
+    for trial in optimizer.ask(6):
+        optimizer.tell(trial.id, trial.x[0] * LARGEST_VALUE / 5.0)
+    trial = optimizer.ask(1)[0]
+    for value in (1.01 * LARGEST_VALUE, -1e200):
+        with pytest.raises(InvalidSettingsError, match=r"at most 1e\+100 in size.*scale the objective"):
+            optimizer.tell(trial.id, value)
+    assert [t.id for t in optimizer.pending] == [trial.id]
 
 
 def test_results_of_other_optimizers_are_learned_without_costing_budget():
