@@ -99,14 +99,21 @@ def plan(args: argparse.Namespace) -> list[Job]:
 
 
 def _budget(args: argparse.Namespace, name: str) -> int:
-    if args.budget is None:
-        if name in THESIS_FUNCTIONS:
-            return BUDGET
-        return OTHER_BUDGET_HIGH_DIM if get_problem(name).dim >= 10 else OTHER_BUDGET
-    budget = int(args.budget)
-    if not 0 <= args.initial <= budget or budget < 1:
-        raise InvalidSettingsError(f"--budget must be at least 1 and not below --initial {args.initial}, got {budget}")
+    """Evaluations a run of a function."""
+    budget = _usual_budget(name) if args.budget is None else int(args.budget)
+    if budget < 1:
+        raise InvalidSettingsError(f"--budget must be at least 1, got {budget}")
+    if not 0 <= args.initial <= budget:
+        raise InvalidSettingsError(
+            f"--initial must lie between 0 and the budget {budget} of {name}, got {args.initial}"
+        )
     return budget
+
+
+def _usual_budget(name: str) -> int:
+    if name in THESIS_FUNCTIONS:
+        return BUDGET
+    return OTHER_BUDGET_HIGH_DIM if get_problem(name).dim >= 10 else OTHER_BUDGET
 
 
 def run(args: argparse.Namespace) -> int:

@@ -111,12 +111,13 @@ def _run_method(job: Job, evaluator: Evaluator, path: Path, stop: StopCheck) -> 
     judged = read_trace(path).recommended if resumed else ()
     if resumed:
         optimizer = LoggedOptimizer.resume(path)
-        _check_same_run(optimizer.optimizer, settings, evaluator.space, path)
     else:
         begin = time.process_time()
         optimizer = LoggedOptimizer.create(path, evaluator.space, method, settings, rng=job.seed)
         cpu += time.process_time() - begin
     try:
+        if resumed:
+            _check_same_run(optimizer.optimizer, settings, evaluator.space, path)
         judge = RecommendationJudge(evaluator, optimizer, judged)
         while not optimizer.finished:
             if stop():

@@ -253,6 +253,12 @@ def test_a_peer_without_a_design_of_its_own_begins_with_ours(tmp_path: Path) -> 
     np.testing.assert_allclose(task.to_box(task.initial_design()), X)
 
 
+def test_a_peer_without_a_design_of_its_own_refuses_none() -> None:
+    """BoTorch's would ask for no point for ever, and CMA-ES has nowhere to start."""
+    with pytest.raises(InvalidSettingsError, match="at least 1 point, got 0"):
+        PeerTask(np.zeros(2), np.ones(2), 0, 3, 0).initial_design()
+
+
 @pytest.mark.parametrize("name", PEER_NAMES)
 def test_installed_peers_stay_in_the_box_and_keep_the_budget(name: str) -> None:
     if name not in installed_peers():
@@ -312,7 +318,10 @@ def test_slow_peers_are_named_with_their_cost_and_left_out_of_all(
         ["--seeds", "0"],
         ["--batch", "0"],
         ["--budget", "10"],
+        ["--budget", "0"],
         ["--initial", "-1", "--budget", "20"],
+        ["--initial", "-1"],
+        ["--initial", "251"],
         ["--methods", "nobody"],
         ["--functions", "nowhere"],
         ["--workers", "0"],
