@@ -15,7 +15,12 @@ from mebo_grasp.optimization.surrogate.posterior import Posterior
 DEFAULT_QUANTILE = 0.9
 """Without a threshold in the settings, good means at least this quantile of the values so far."""
 
-N_POOL, N_CANDIDATES, N_OFFSETS, N_REFINED = 1024, 48, 64, 24
+N_POOL, N_CANDIDATES, N_REFINED = 1024, 48, 24
+"""Points that are ranked, those of them whose coverage is computed, and points about the best in each refinement."""
+N_OFFSETS = 64
+"""Points of a ball by which its coverage is estimated."""
+REFINEMENTS = (0.3, 0.1)
+"""Standard deviations of the points about the best one, radii of a ball."""
 
 
 class ConstraintActiveSearch(SurrogateMethod):
@@ -61,10 +66,10 @@ class ConstraintActiveSearch(SurrogateMethod):
         chance = ndtr((mean - threshold) / sd) * np.minimum(gaps / radius, 1.0)
         candidates = pool[np.argsort(-chance, kind="stable")[:N_CANDIDATES]]
         offsets = ball_offsets(N_OFFSETS, dim, rng)
-        for sd_step in (0.3, 0.1):
+        for width in REFINEMENTS:
             worth = expected_coverage_improvement(posterior, candidates, offsets, tried, threshold, scale, radius)
             best = candidates[int(np.argmax(worth))]
-            moves = sd_step * sides * rng.standard_normal((N_REFINED, dim))
+            moves = width * sides * rng.standard_normal((N_REFINED, dim))
             candidates = np.concatenate([best[None], np.clip(best + moves, 0.0, 1.0)])
         worth = expected_coverage_improvement(posterior, candidates, offsets, tried, threshold, scale, radius)
         chosen: FloatArray = candidates[int(np.argmax(worth))]

@@ -196,9 +196,9 @@ def merge_close(clusters: list[Cluster], scale: FloatArray, min_distance: float)
     merged = np.zeros(len(clusters), dtype=bool)
     # Largest groups first, so that a cluster shared by several goes with the largest.
     for i in np.argsort(-close.sum(axis=1), kind="stable"):
-        group = np.flatnonzero(close[i] & ~merged)
         if close[i].sum() == 1 or merged[i]:
             continue
+        group = np.flatnonzero(close[i] & ~merged)
         merged[group] = True
         valid.append(
             Cluster(

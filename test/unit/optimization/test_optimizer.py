@@ -1,3 +1,7 @@
+import json
+from dataclasses import asdict
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -132,11 +136,21 @@ def test_solution_set_in_real_units():
         ({"num_solutions": 0}, "num_solutions"),
         ({"min_distance": 0.0}, "min_distance"),
         ({"relearn_period": 0}, "relearn_period"),
+        ({"budget": float("nan")}, "budget must be a whole number of at least 1, got nan"),
+        ({"batch_size": 2.5}, "batch_size must be a whole number of at least 1, got 2.5"),
+        ({"num_solutions": True}, "num_solutions must be a whole number"),
+        ({"n_initial": -1}, "n_initial must be a whole number of at least 0, got -1"),
     ],
 )
 def test_settings_are_checked(bad, message):
     with pytest.raises(InvalidSettingsError, match=message):
         OptimizerSettings(**bad)
+
+
+def test_whole_numbers_may_come_from_numpy():
+    counts: dict[str, Any] = {"budget": np.int64(9), "n_initial": np.int32(3)}
+    settings = OptimizerSettings(**counts)
+    assert json.loads(json.dumps(asdict(settings)))["budget"] == 9
 
 
 def test_unknown_method_lists_the_known_ones():
