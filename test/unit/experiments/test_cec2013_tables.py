@@ -22,6 +22,7 @@ from mebo_grasp.experiments.runs.peers import PEER_NAMES, PeerTask, installed_pe
 from mebo_grasp.experiments.runs.protocol import known_methods, select_methods, settings_of
 from mebo_grasp.experiments.runs.run_job import run_job
 from mebo_grasp.experiments.runs.run_trace import read_trace
+from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD
 
 
 def _result(method: str, problem: str, seed: int, found: int, n_optima: int, first: float) -> dict[str, Any]:
@@ -211,15 +212,15 @@ def test_told_distance_beyond_the_thesis_is_half_the_smallest_gap() -> None:
 
 
 def test_method_groups() -> None:
-    assert select_methods(["default", "mebo", "random"], "mebo", ()) == ["mebo", "random"]
-    surrogates = set(select_methods(["surrogates"], "mebo", ()))
+    assert select_methods(["default", "mebo", DEFAULT_METHOD], ()) == [DEFAULT_METHOD, "mebo"]
+    surrogates = set(select_methods(["surrogates"], ()))
     assert {"mebo_evidence", "mebo_additive", "mebo_mcmc"} <= surrogates
-    everything = select_methods(["all"], "mebo", ["cma_bipop", "skopt"], slow_peers=["skopt"])
-    apart = surrogates | set(select_methods(["safe"], "mebo", ()))
+    everything = select_methods(["all"], ["cma_bipop", "skopt"])
+    apart = surrogates | set(select_methods(["safe"], ()))
     assert set(everything) == set(known_methods()) - set(PEER_NAMES) - apart | {"cma_bipop"}
-    assert "skopt" in select_methods(["all", "peers"], "mebo", ["cma_bipop", "skopt"], slow_peers=["skopt"])
+    assert "skopt" in select_methods(["all", "peers"], ["cma_bipop", "skopt"])
     with pytest.raises(InvalidSettingsError, match="method must be one of"):
-        select_methods(["simulated_annealing"], "mebo", ())
+        select_methods(["simulated_annealing"], ())
 
 
 def test_keys_tell_protocols_and_transforms_apart() -> None:
