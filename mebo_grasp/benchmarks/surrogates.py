@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.stats import spearmanr
 
-from mebo_grasp.errors import InvalidSettingsError
+from mebo_grasp.errors import InvalidSettingsError, MeboGraspError
 from mebo_grasp.experiments.objectives.noisy import FACET_SPACES, NoisyGrasp
 from mebo_grasp.experiments.reports.table import Table, spread
 from mebo_grasp.experiments.scores.statistics import mean_sd
@@ -94,7 +94,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         objective = NoisyGrasp(options.object, space=options.space)
         for n in options.sizes:
             print(compare(objective, n, range(options.seeds)).markdown(), flush=True)
-    except InvalidSettingsError as error:
+    except MeboGraspError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     return 0
