@@ -4,7 +4,7 @@ from scipy.special import ndtr
 
 from mebo_grasp.optimization.selection.coverage import (
     ball_offsets,
-    ball_sides,
+    ball_reach,
     expected_coverage_improvement,
 )
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
@@ -39,7 +39,7 @@ def test_radius_is_in_real_units():
 
 
 def test_a_ball_has_the_whole_of_a_side_that_counts_nothing():
-    assert ball_sides(2.0, np.array([4.0, 0.5, 0.0])).tolist() == [0.5, 4.0, 1.0]
+    assert ball_reach(2.0, np.array([4.0, 0.5, 0.0])).tolist() == [0.5, 4.0, 1.0]
 
 
 def test_chance_of_being_good_is_the_posteriors():
