@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from mebo_grasp.errors import InvalidSettingsError, TrialStateError
 from mebo_grasp.grasp import FloatArray
+from mebo_grasp.optimization.blas_threads import one_blas_thread
 from mebo_grasp.optimization.initial_design import latin_hypercube
 from mebo_grasp.optimization.methods.base import IndexArray, Method, MethodSettings, Outcomes
 from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD, make_method
@@ -144,7 +145,10 @@ class Optimizer:
         The default method takes that with the least spread of those which it cannot tell from the best one.
         None before the first value, and unless the run is safe.
         """
-        outcomes = self.method.outcomes(self._observations) if self._observations.n else None
+        if not self._observations.n:
+            return None
+        with one_blas_thread():
+            outcomes = self.method.outcomes(self._observations)
         return None if outcomes is None else self._solution(int(np.argmax(outcomes.ranking)), outcomes)
 
     def _solution(self, index: int, outcomes: Outcomes | None) -> Incumbent:
@@ -182,7 +186,8 @@ class Optimizer:
         n_initial = max(0, min(rest, wanted))
         trials = self._open_trials(self._initial[self._n_asked : self._n_asked + n_initial], INITIAL_PHASE)
         if wanted > n_initial:
-            points = self.method.propose(self._observations, wanted - n_initial, self.rng)
+            with one_blas_thread():
+                points = self.method.propose(self._observations, wanted - n_initial, self.rng)
             trials += self._open_trials(points, self.method.phase)
         return trials
 
@@ -276,8 +281,9 @@ class Optimizer:
             raise InvalidSettingsError(f"a solution set needs a size of at least 1, got {size}")
         if min_distance is not None and not 0.0 < min_distance < math.inf:
             raise InvalidSettingsError(f"min_distance must be finite and above 0, got {min_distance}")
-        indices: IndexArray = self.method.solution_set(self._observations, size, min_distance)
-        outcomes = self.method.outcomes(self._observations)
+        with one_blas_thread():
+            indices: IndexArray = self.method.solution_set(self._observations, size, min_distance)
+            outcomes = self.method.outcomes(self._observations)
         return [self._solution(int(i), outcomes) for i in indices]
 
     def _check_open(self, trial_id: int) -> None:
