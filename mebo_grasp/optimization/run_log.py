@@ -160,12 +160,12 @@ class RunLog:
         """Append one record and hand it to the operating system.
 
         Raises:
-            RunLogError: the disk refuses it.
+            RunLogError: it holds what JSON cannot, or the disk refuses it.
         """
         try:
             self._stream.write(json.dumps(record, allow_nan=False) + "\n")
             self._stream.flush()
-        except (OSError, ValueError) as error:
+        except (OSError, TypeError, ValueError) as error:
             raise RunLogError(f"cannot write to the run log {self.path}: {error}") from error
 
     def close(self) -> None:
@@ -241,7 +241,7 @@ class LoggedOptimizer:
                 "upper": space.upper.tolist(),
                 "distance_weights": space.distance_weights.tolist(),
             },
-            "seed": rng if isinstance(rng, int) else None,
+            "seed": None if isinstance(rng, np.random.Generator) else int(rng),
             "rng": rng_state,
         }
         return cls(optimizer, RunLog.create(path, header))

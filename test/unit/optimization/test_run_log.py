@@ -130,6 +130,24 @@ def test_failure_reasons_are_kept(tmp_path):
     assert RunLog.load(path)[-1] == {"kind": "tell_failed", "id": 0, "reason": "hand lost"}
 
 
+@pytest.mark.parametrize(("rng", "seed"), [(7, 7), (np.int64(7), 7), (np.random.default_rng(7), None)])
+def test_the_seed_is_kept_where_there_is_one(tmp_path, rng, seed):
+    path = tmp_path / "run.jsonl"
+    LoggedOptimizer.create(path, SPACE, "random", OptimizerSettings(budget=9, n_initial=3), rng).close()
+    assert RunLog.seed_of(path) == seed
+
+
+@pytest.mark.parametrize("value", [np.nan, object()])
+def test_a_note_that_is_no_json_is_refused_and_leaves_nothing(tmp_path, value):
+    path = tmp_path / "run.jsonl"
+    run = LoggedOptimizer.create(path, SPACE, "random", OptimizerSettings(budget=9, n_initial=3), 3)
+    before = path.read_bytes()
+    with pytest.raises(RunLogError, match="cannot write"):
+        run.note({"what": value})
+    run.close()
+    assert path.read_bytes() == before
+
+
 def test_an_existing_file_is_never_overwritten(tmp_path):
     path = tmp_path / "run.jsonl"
     path.write_text("precious")
