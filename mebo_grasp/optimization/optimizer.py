@@ -186,10 +186,22 @@ class Optimizer:
         n_initial = max(0, min(rest, wanted))
         trials = self._open_trials(self._initial[self._n_asked : self._n_asked + n_initial], INITIAL_PHASE)
         if wanted > n_initial:
-            with one_blas_thread():
-                points = self.method.propose(self._observations, wanted - n_initial, self.rng)
+            try:
+                with one_blas_thread():
+                    points = self.method.propose(self._observations, wanted - n_initial, self.rng)
+            except BaseException:
+                # Nobody would ever tell them: the caller gets no trial.
+                self._take_back(trials)
+                raise
             trials += self._open_trials(points, self.method.phase)
         return trials
+
+    def _take_back(self, trials: list[Trial]) -> None:
+        """Close the latest trials as if they had not been asked for."""
+        for trial in trials:
+            self._observations.close(trial.id)
+            del self._open[trial.id]
+        self._n_asked -= len(trials)
 
     def reopen(
         self,

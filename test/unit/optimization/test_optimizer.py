@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mebo_grasp.errors import InvalidSettingsError, TrialStateError
+from mebo_grasp.optimization.methods.random_search import RandomSearch
 from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD, METHOD_NAMES
 from mebo_grasp.optimization.optimizer import INITIAL_PHASE, LARGEST_VALUE, Optimizer, OptimizerSettings
 from mebo_grasp.optimization.search_space import SearchSpace
@@ -34,6 +35,26 @@ def test_an_explicit_count_crosses_the_end_of_the_initial_design_but_not_of_the_
     assert len(optimizer.ask(10)) == 3
     with pytest.raises(TrialStateError, match="budget of 9"):
         optimizer.ask()
+
+
+def test_an_ask_that_breaks_off_opens_no_trial():
+    class Interrupted(RandomSearch):
+        calls = 0
+
+        def propose(self, *args):
+            self.calls += 1
+            if self.calls == 1:
+                raise KeyboardInterrupt
+            return super().propose(*args)
+
+    settings = OptimizerSettings(budget=9, n_initial=4)
+    optimizer = Optimizer(SPACE, Interrupted(SPACE, settings), settings, 1)
+    optimizer.ask(3)
+    with pytest.raises(KeyboardInterrupt):
+        optimizer.ask(3)
+    assert [trial.id for trial in optimizer.pending] == [0, 1, 2]
+    assert len(optimizer.observations.pending) == 3
+    assert [(trial.id, trial.phase) for trial in optimizer.ask(2)] == [(3, INITIAL_PHASE), (4, "random")]
 
 
 def test_ids_are_unique_and_increasing_and_points_are_read_only_and_in_the_box():
