@@ -20,6 +20,9 @@ HEADER = (
     f"  {'x, y, z [mm]':>22}  {'roll, pitch, yaw [deg]':>24}"
 )
 
+QUALITY_HEADER = f"  {'quality':>8}"
+"""Of the column that stands beside them where another metric than epsilon is the quality."""
+
 NOISE_HEADER = f"  {'expected':>8}  {'sd':>8}  {'worst':>8}"
 """Of the columns that stand beside them where quality under noise is known."""
 
@@ -36,12 +39,18 @@ def grasp_row(rank: int, grasp: Grasp) -> str:
 
 
 def grasp_table(grasps: Sequence[StampedGrasp]) -> str:
-    """Return a table of grasps, one a line, in the given order; with figures under noise where any are known."""
-    rows = [grasp_row(rank, stamped.grasp) for rank, stamped in enumerate(grasps, start=1)]
-    if all(stamped.grasp.under_noise is None for stamped in grasps):
-        return "\n".join([HEADER, *rows])
-    noisy = [_under_noise_cells(stamped.grasp) for stamped in grasps]
-    return "\n".join([HEADER + NOISE_HEADER, *map("".join, zip(rows, noisy, strict=True))])
+    """Return a table of grasps, one a line, in the given order.
+
+    With their quality where it is another metric than epsilon, and with figures under noise where any are known.
+    """
+    lines = [HEADER, *(grasp_row(rank, stamped.grasp) for rank, stamped in enumerate(grasps, start=1))]
+    if any(stamped.grasp.quality != stamped.grasp.epsilon for stamped in grasps):
+        qualities = [QUALITY_HEADER, *(f"  {stamped.grasp.quality:>8.4f}" for stamped in grasps)]
+        lines = list(map("".join, zip(lines, qualities, strict=True)))
+    if any(stamped.grasp.under_noise is not None for stamped in grasps):
+        noisy = [NOISE_HEADER, *(_under_noise_cells(stamped.grasp) for stamped in grasps)]
+        lines = list(map("".join, zip(lines, noisy, strict=True)))
+    return "\n".join(lines)
 
 
 def _under_noise_cells(grasp: Grasp) -> str:
@@ -65,17 +74,20 @@ class ProgressLine:
     """A live line on a terminal; on anything else a line each few seconds.
 
     Args:
-        stream: where it is written.
+        stream: where it is written; None for the standard error.
         period: seconds between two lines where the stream is no terminal.
+        quality: name of the metric whose best value is shown.
     """
 
     BAR_WIDTH = 24
 
-    def __init__(self, stream: TextIO = sys.stderr, period: float = 5.0) -> None:
-        self._stream = stream
-        self._live = stream.isatty()
+    def __init__(self, stream: TextIO | None = None, period: float = 5.0, quality: str = "epsilon") -> None:
+        self._stream = stream or sys.stderr
+        self._live = self._stream.isatty()
         self._period = period
+        self._quality = quality
         self._due = 0.0
+        self._complete = False
 
     def show(self, done: int, total: int, best: float, seconds_per_trial: float, note: str = "") -> None:
         """Write where things stand.
@@ -88,15 +100,17 @@ class ProgressLine:
             note: what a person should know, empty for nothing.
         """
         now = time.monotonic()
-        if not self._live and now < self._due and done < total:
+        newly_complete = done >= total and not self._complete
+        if not self._live and now < self._due and not newly_complete:
             return
         self._due = now + self._period
+        self._complete = done >= total
         filled = self.BAR_WIDTH * done // max(total, 1)
         bar = "#" * filled + "-" * (self.BAR_WIDTH - filled)
         best_text = "-" if math.isnan(best) else f"{best:.4f}"
         rate = f"{1 / seconds_per_trial:.1f} trials/s" if seconds_per_trial > 0 else "- trials/s"
         left = f"{(total - done) * seconds_per_trial:.0f} s left" if seconds_per_trial > 0 else "- s left"
-        line = f"[{bar}] {done}/{total} trials | best epsilon {best_text} | {rate} | {left}"
+        line = f"[{bar}] {done}/{total} trials | best {self._quality} {best_text} | {rate} | {left}"
         self._write(f"{line} | {note}" if note else line)
 
     def _write(self, line: str) -> None:

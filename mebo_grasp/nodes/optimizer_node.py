@@ -168,6 +168,9 @@ class OptimizerNode(Node):
 
     def _advance(self) -> None:
         """Send what waits, order more when too little is open, and say where things stand."""
+        # A run whose log tells of every trial is finished before the optimizer is asked for anything.
+        if self._state == ExplorationStatus.EXPLORING and self._progress.finished:
+            self._finish()
         if self._state == ExplorationStatus.EXPLORING:
             for assignment in self._dispatcher.assign(time.monotonic(), self._hands.ready):
                 self._send(assignment)
@@ -191,8 +194,6 @@ class OptimizerNode(Node):
     def _on_worker_event(self) -> None:
         for event in self._worker.events():
             self._take_event(event)
-        if self._progress.finished and self._state == ExplorationStatus.EXPLORING:
-            self._finish()
         self._advance()
 
     def _take_event(self, event: Event) -> None:
@@ -225,7 +226,7 @@ class OptimizerNode(Node):
     @guarded
     def _on_check(self) -> None:
         for hand in self._hands.look(self._qualities.get_publisher_count() > 0):
-            self.get_logger().warning(f"hand '{hand}' is gone; its trials wait for another")
+            self.get_logger().warning(f"{self._hands.describe([hand])} is gone; its trials wait for another")
             self._dispatcher.hand_lost(hand)
         for trial in self._dispatcher.expire(time.monotonic()):
             reason = f"no answer after {self._settings.max_attempts} attempts"
@@ -306,7 +307,7 @@ class OptimizerNode(Node):
         if not self._hands.ready:
             return self._hands.what_is_missing()
         silent = self._dispatcher.silent_hands
-        return f"no answer from hand {', '.join(repr(hand) for hand in silent)}" if silent else ""
+        return f"no answer from {self._hands.describe(silent)}" if silent else ""
 
     @guarded
     def _on_diagnostics(self) -> None:
