@@ -59,3 +59,10 @@ class WrongFrameError(InvalidMessageError):
 
 class RunLogError(MeboGraspError):
     """The log of an optimization run cannot be read, or belongs to another run."""
+
+
+def os_error_text(error: OSError) -> str:
+    """Return in one line what the operating system refused, with the way out where it names a file."""
+    if error.filename is None:  # such as a disk that is full when a file is written
+        return error.strerror or str(error)
+    return f"cannot use '{error.filename}': {error.strerror}; name another place"

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from mebo_grasp.errors import InvalidHandError
 from mebo_grasp.grasp import Grasp
-from mebo_grasp.grasping.hand_model import HAND_NAMES, HandModel, PlacedShape
+from mebo_grasp.grasping.hand_model import HandModel, PlacedShape, shapes_in_grasp
 from mebo_grasp.grasping.rendering import shape_mesh
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.solutions.occlusion import Occlusion
@@ -22,20 +21,9 @@ SECTIONS = 12
 
 
 def posture_mesh(hand: HandModel, grasp: Grasp) -> Mesh:
-    """Return the mesh of a hand in its final posture, in the object's frame.
-
-    Args:
-        hand: the hand; for a grasp by another built-in hand that one is taken.
-        grasp: tells posture and pose; where its posture is of another hand, the preshape is taken.
-    """
-    if grasp.hand != hand.name and grasp.hand in HAND_NAMES:
-        hand = HandModel.load(grasp.hand)
-    try:
-        shapes = hand.link_geometry(grasp.hand_posture if grasp.hand_posture.names else None)
-    except InvalidHandError:
-        shapes = hand.link_geometry()
+    """Return the mesh of a hand in its final posture, in the object's frame; see ``shapes_in_grasp``."""
     parts = []
-    for shape in shapes:
+    for shape in shapes_in_grasp(hand, grasp):
         mesh = coarse_mesh(shape)
         mesh.apply_transform(shape.T_tcp_shape.matrix)
         parts.append(mesh)

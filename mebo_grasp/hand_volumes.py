@@ -89,7 +89,7 @@ class VolumeOfHand:
         hand: the hand; its collision shapes count.
 
     Raises:
-        InvalidHandError: the hand has no collision shape.
+        InvalidHandError: the hand has no collision shape, or is too large for a volume in its preshape.
     """
 
     def __init__(self, hand: HandModel) -> None:
@@ -108,6 +108,11 @@ class VolumeOfHand:
         self._links = np.repeat([row for row, _ in parts], [len(capsules[2]) for _, capsules in parts])
         starts, ends, self._radii = (np.concatenate([c[k] for _, c in parts]) for k in range(3))
         self._points = np.stack([starts, ends], axis=1)
+        try:
+            self(HandPosture())
+        except InvalidHandError as error:
+            # Told at once: of every grasp of such a hand the archive would refuse to keep it.
+            raise InvalidHandError(f"hand '{hand.name}' has no volume: {error}") from error
 
     def __call__(self, posture: HandPosture) -> HandVolume:
         """Return the capsules in the TCP's frame; joints that the posture does not name keep the preshape.

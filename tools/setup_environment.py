@@ -353,7 +353,7 @@ STEPS = (
          ("setup.py", "setup.cfg", "pyproject.toml", "package.xml", "resource/*"),
          ("requirements", "interfaces"), install_package),
     Step("compiled", "compiling what would otherwise be compiled at its first use (one to two minutes)",
-         ("tools/warm_up.py", "mebo_grasp/quality_diversity.py",
+         ("tools/warm_up.py", "mebo_grasp/compiling.py", "mebo_grasp/quality_diversity.py",
           "mebo_grasp/grasping/*.py", "mebo_grasp/solutions/*.py",
           "mebo_grasp/optimization/surrogate/*.py", "mebo_grasp/optimization/selection/*.py"),
          ("package",), compile_ahead),

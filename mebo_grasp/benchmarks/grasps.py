@@ -225,6 +225,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--hand", default="icub_left")
     parser.add_argument("--out", type=Path, help="file of the runs, a JSON line each; runs in it are not repeated")
     options = parser.parse_args(arguments)
+    if options.seeds < 1 or options.first_seed < 0:
+        parser.error(
+            f"--seeds must be at least 1 and --first-seed at least 0, got {options.seeds} and {options.first_seed}"
+        )
     hand = HandModel.load(options.hand)
     known = known_runs(options.out)
     for name in options.objects:

@@ -29,6 +29,7 @@ from mebo_grasp.grasping.pose_space import pose_space_6d
 from mebo_grasp.grasping.simulator import GraspSimulator
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.grasping.trial import ENGINE_NAMES, EngineName, TrialSettings
+from mebo_grasp.optimization.initial_design import rng_argument
 
 RANDOM_SHAPES = 1000
 RANDOM_SCALE = 0.015
@@ -90,7 +91,7 @@ def try_object(path: Path, name: str, scale: float, engine: EngineName, poses: i
     except InvalidObjectError as error:
         return SweepResult(name, "refused", str(error))
     space = pose_space_6d(target, hand)
-    net = qmc.Halton(space.dimension, rng=np.random.default_rng(seed))
+    net = qmc.Halton(space.dimension, **rng_argument(qmc.Halton, np.random.default_rng(seed)))
     with GraspSimulator(target, hand, TrialSettings(engine=engine, compute_volume=False)) as simulator:
         built, outcomes, closed, best = time.perf_counter() - begun, Counter[GraspOutcome](), 0, 0.0
         for count in (poses, (MORE - 1) * poses):

@@ -163,8 +163,8 @@ def _line(method: str, n: int, options: argparse.Namespace) -> str:
 
 def _setting(word: str) -> tuple[str, Any]:
     """A field of ``OptimizerSettings`` and its value, as YAML has it."""
-    key, _, value = word.partition("=")
-    if key not in {item.name for item in fields(OptimizerSettings)}:
+    key, equals, value = word.partition("=")
+    if not equals or key not in {item.name for item in fields(OptimizerSettings)}:
         raise argparse.ArgumentTypeError(f"{word!r} must be KEY=VALUE with a field of OptimizerSettings")
     return key, yaml.safe_load(value)
 
@@ -180,6 +180,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--repetitions", type=int, default=3)
     parser.add_argument("--set", nargs="+", type=_setting, default=[], metavar="KEY=VALUE", dest="chosen")
     options = parser.parse_args(arguments)
+    if min(options.dim, options.rounds, options.batch, options.repetitions, *options.sizes) < 1:
+        parser.error("--sizes, --dim, --rounds, --batch and --repetitions must be at least 1")
     options.chosen = dict(options.chosen)
     write = sys.stdout.write
     write(f"d = {options.dim}, batch {options.batch}; CPU ms a point: mean [range of repetitions]\n")

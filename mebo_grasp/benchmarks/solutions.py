@@ -277,6 +277,8 @@ def main() -> None:
     parser.add_argument("--questions", type=int, default=300, help="questions of each kind")
     parser.add_argument("--shapes", type=int, default=20, help="occluding shapes in a scene")
     options = parser.parse_args()
+    if min(options.questions, options.shapes, *options.stored) < 1:
+        parser.error("--stored, --questions and --shapes must be at least 1")
     for stored in options.stored:
         _say(
             f"{stored} stored grasps, {options.shapes} shapes, {options.questions} questions; "

@@ -15,9 +15,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.stats import spearmanr
 
-from mebo_grasp.errors import InvalidSettingsError
+from mebo_grasp.errors import InvalidSettingsError, MeboGraspError
 from mebo_grasp.experiments.objectives.noisy import FACET_SPACES, NoisyGrasp
-from mebo_grasp.experiments.reports.table import Table, spread
+from mebo_grasp.experiments.reports.table import Table, plus_minus
 from mebo_grasp.experiments.scores.statistics import mean_sd
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.initial_design import latin_hypercube
@@ -75,7 +75,7 @@ def compare(objective: NoisyGrasp, n: int, seeds: Sequence[int]) -> Table:
             for name in SURROGATES:
                 predict = fit(name, U[:n], y[:n], np.random.default_rng(seed))
                 found[name].append(measure(predict(U[n:]), y[n:]))
-    rows = tuple((name, *(spread(*mean_sd(column)) for column in zip(*found[name], strict=True))) for name in found)
+    rows = tuple((name, *(plus_minus(*mean_sd(column)) for column in zip(*found[name], strict=True))) for name in found)
     title = f"{objective.column}, facet {objective.space}, {n} grasps, seeds {', '.join(map(str, seeds))}"
     return Table(title, ("surrogate", *MEASURES), rows, f"On {N_TEST} other grasps; mean ± standard deviation.")
 
@@ -94,7 +94,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         objective = NoisyGrasp(options.object, space=options.space)
         for n in options.sizes:
             print(compare(objective, n, range(options.seeds)).markdown(), flush=True)
-    except InvalidSettingsError as error:
+    except MeboGraspError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     return 0

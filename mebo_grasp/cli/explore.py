@@ -8,22 +8,22 @@ import math
 import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from mebo_grasp.cli.exploration_summary import print_summary
 from mebo_grasp.cli.explored_nodes import NODES, check_continues, node_parameters
 from mebo_grasp.cli.report import ProgressLine
-from mebo_grasp.cli.run_folder import DATABASE, PICTURE, RUN_LOG
+from mebo_grasp.cli.run_folder import DATABASE, PAGE, PICTURE, RUN_LOG
 from mebo_grasp.cli.scene_options import add_scene_arguments, add_trial_arguments, trial_settings
 from mebo_grasp.cli.stopping import stop_at_signals
 from mebo_grasp.errors import InvalidSettingsError, MeboGraspError
 from mebo_grasp.grasping.facet_space import FACETS
-from mebo_grasp.grasping.hand_model import HandModel
+from mebo_grasp.grasping.hand_model import ALL_HAND_NAMES, HandModel
 from mebo_grasp.grasping.rendering import render_grasps
 from mebo_grasp.grasping.synergies import hand_synergies
-from mebo_grasp.grasping.target_object import TargetObject
+from mebo_grasp.grasping.target_object import BUILTIN_OBJECTS, TargetObject
 from mebo_grasp.nodes.domain import private_domain
 from mebo_grasp.nodes.exploration_client import ExplorationClient, Standing
 from mebo_grasp.nodes.exploration_plan import SPACES
@@ -110,9 +110,8 @@ def run(options: argparse.Namespace) -> int:
     hand = HandModel.load(options.hand)
     trial_settings(options)
     _check(options, hand)
-    if Path(options.object).is_file():
-        # The nodes and a later `show` may run elsewhere.
-        options.object = str(Path(options.object).resolve())
+    options.object = name_from_anywhere(options.object, BUILTIN_OBJECTS)
+    options.hand = name_from_anywhere(options.hand, ALL_HAND_NAMES)
     directory = _make_directory(options, target.object_id)
     with (
         stop_at_signals() as stop,
@@ -129,13 +128,18 @@ def run(options: argparse.Namespace) -> int:
         print(f"the run is kept in {directory}")
         for name, values in parameters.items():
             nodes.start(NodeProcess(name, values, directory, domain_id))
-        interrupted = not _follow(nodes, client, stop, ProgressLine(quality=options.metric))
+        interrupted = not _follow(nodes, client, stop)
         grasps = print_summary(client, target, options.size, options.min_distance)
     if grasps:
         picture = directory / PICTURE
         render_grasps(target, hand, [stamped.grasp for stamped in grasps], picture)
         print(f"\npicture: {picture}")
     return 130 if interrupted else 0
+
+
+def name_from_anywhere(name: str, built_in: Sequence[str]) -> str:
+    """Return a built-in name as it is, and of a file the whole path: the nodes and a later `show` may run elsewhere."""
+    return str(Path(name).resolve()) if name not in built_in and Path(name).is_file() else name
 
 
 def _check(options: argparse.Namespace, hand: HandModel) -> None:
@@ -173,7 +177,7 @@ def _make_directory(options: argparse.Namespace, object_id: str) -> Path:
 
 
 def _delete_run(directory: Path) -> None:
-    names = [DATABASE, f"{DATABASE}-wal", f"{DATABASE}-shm", RUN_LOG, PICTURE]
+    names = [DATABASE, f"{DATABASE}-wal", f"{DATABASE}-shm", RUN_LOG, PICTURE, PAGE]
     for name in (*names, *(f"{node}.log" for node in NODES)):
         (directory / name).unlink(missing_ok=True)
 
@@ -187,18 +191,20 @@ def sole_user(directory: Path) -> Iterator[None]:
     """
     descriptor = os.open(directory, os.O_RDONLY)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise InvalidSettingsError(
+                f"another exploration runs in {directory}: stop it, or name another folder by --out"
+            ) from error
         yield
-    except BlockingIOError as error:
-        raise InvalidSettingsError(
-            f"another exploration runs in {directory}: stop it, or name another folder by --out"
-        ) from error
     finally:
         os.close(descriptor)
 
 
-def _follow(nodes: NodeGroup, client: ExplorationClient, stop: threading.Event, line: ProgressLine) -> bool:
+def _follow(nodes: NodeGroup, client: ExplorationClient, stop: threading.Event) -> bool:
     """Show progress until the budget is spent; False when the user stopped it."""
+    line = ProgressLine()
     end = time.monotonic() + START_TIMEOUT
     while not stop.is_set() and (client.standing is None or not client.services_ready()):
         nodes.check()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -128,7 +127,7 @@ def parse_occlusion(text: str, margin: float = 0.0) -> Occlusion:
     kind, _, sizes = what.partition(":")
     try:
         shape = _mesh(sizes) if kind == "mesh" else _primitive(kind, sizes)
-        return replace(Occlusion(text, shape, _pose(where)), margin=margin)
+        return Occlusion(text, shape, _pose(where), margin)
     except (ValueError, MeboGraspError) as error:
         raise InvalidOcclusionError(f"--occlusion '{text}': {error}; write it as {OCCLUSION_FORMAT}") from error
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from mebo_grasp.cli.run_folder import DATABASE, read_run
 from mebo_grasp.cli.trial_files import SUFFIXES, read_trials, suffix_of
 from mebo_grasp.errors import InvalidSettingsError
+from mebo_grasp.grasping.target_object import object_id_of
 from mebo_grasp.solutions.archive import SolutionArchive
 from mebo_grasp.solutions.exchange import import_trials
 
@@ -27,9 +28,10 @@ def run(options: argparse.Namespace) -> int:
     suffix = suffix_of(options.file)
     folder: Path = options.run_folder
     path = folder if folder.suffix == ".db" else folder / DATABASE
-    name = options.object or (read_run(path.parent).object if path.parent.is_dir() else "")
-    first = next(read_trials(options.file, suffix, name, options.topic), None)
-    object_id = Path(name).stem or ("" if first is None else first.grasp.object_id)
+    object_id = object_id_of(options.object or (read_run(path.parent).object if path.parent.is_dir() else ""))
+    if not object_id:
+        first = next(read_trials(options.file, suffix, "", options.topic), None)
+        object_id = "" if first is None else first.grasp.object_id
     if not object_id:
         raise InvalidSettingsError(f"{options.file} does not name an object: name it by --object")
     path.parent.mkdir(parents=True, exist_ok=True)

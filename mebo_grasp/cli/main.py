@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from mebo_grasp import __version__
-from mebo_grasp.errors import MeboGraspError
+from mebo_grasp.errors import MeboGraspError, os_error_text
 
 NEGATIVE_NUMBER = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
 """What is a value and no option: argparse before Python 3.14 knows no exponents, as of ``--pose 0 0.05 -1e-3 ...``."""
@@ -83,12 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"mebo-grasp {options.command}: {error}", file=sys.stderr)
         return EXIT_USAGE if isinstance(error, ValueError) else EXIT_FAILED
     except OSError as error:
-        if error.filename is None:
-            raise
-        print(
-            f"mebo-grasp {options.command}: cannot use '{error.filename}': {error.strerror}; name another place",
-            file=sys.stderr,
-        )
+        print(f"mebo-grasp {options.command}: {os_error_text(error)}", file=sys.stderr)
         return EXIT_FAILED
     return code
 

@@ -21,8 +21,7 @@ HEADER = (
 )
 
 QUALITY_HEADER = f"  {'quality':>8}"
-"""Of the column that stands beside them where another metric than epsilon is the quality."""
-
+"""Of the column that stands beside them where another metric than epsilon was optimized."""
 NOISE_HEADER = f"  {'expected':>8}  {'sd':>8}  {'worst':>8}"
 """Of the columns that stand beside them where quality under noise is known."""
 
@@ -41,15 +40,15 @@ def grasp_row(rank: int, grasp: Grasp) -> str:
 def grasp_table(grasps: Sequence[StampedGrasp]) -> str:
     """Return a table of grasps, one a line, in the given order.
 
-    With their quality where it is another metric than epsilon, and with figures under noise where any are known.
+    The quality has a column of its own where it is not epsilon, figures under noise where any are known.
     """
     lines = [HEADER, *(grasp_row(rank, stamped.grasp) for rank, stamped in enumerate(grasps, start=1))]
     if any(stamped.grasp.quality != stamped.grasp.epsilon for stamped in grasps):
-        qualities = [QUALITY_HEADER, *(f"  {stamped.grasp.quality:>8.4f}" for stamped in grasps)]
-        lines = list(map("".join, zip(lines, qualities, strict=True)))
+        cells = [QUALITY_HEADER, *(f"  {stamped.grasp.quality:>8.4g}" for stamped in grasps)]
+        lines = list(map("".join, zip(lines, cells, strict=True)))
     if any(stamped.grasp.under_noise is not None for stamped in grasps):
-        noisy = [NOISE_HEADER, *(_under_noise_cells(stamped.grasp) for stamped in grasps)]
-        lines = list(map("".join, zip(lines, noisy, strict=True)))
+        cells = [NOISE_HEADER, *(_under_noise_cells(stamped.grasp) for stamped in grasps)]
+        lines = list(map("".join, zip(lines, cells, strict=True)))
     return "\n".join(lines)
 
 
@@ -76,16 +75,14 @@ class ProgressLine:
     Args:
         stream: where it is written; None for the standard error.
         period: seconds between two lines where the stream is no terminal.
-        quality: name of the metric whose best value is shown.
     """
 
     BAR_WIDTH = 24
 
-    def __init__(self, stream: TextIO | None = None, period: float = 5.0, quality: str = "epsilon") -> None:
+    def __init__(self, stream: TextIO | None = None, period: float = 5.0) -> None:
         self._stream = stream or sys.stderr
         self._live = self._stream.isatty()
         self._period = period
-        self._quality = quality
         self._due = 0.0
         self._complete = False
 
@@ -110,7 +107,7 @@ class ProgressLine:
         best_text = "-" if math.isnan(best) else f"{best:.4f}"
         rate = f"{1 / seconds_per_trial:.1f} trials/s" if seconds_per_trial > 0 else "- trials/s"
         left = f"{(total - done) * seconds_per_trial:.0f} s left" if seconds_per_trial > 0 else "- s left"
-        line = f"[{bar}] {done}/{total} trials | best {self._quality} {best_text} | {rate} | {left}"
+        line = f"[{bar}] {done}/{total} trials | best quality {best_text} | {rate} | {left}"
         self._write(f"{line} | {note}" if note else line)
 
     def _write(self, line: str) -> None:

@@ -11,7 +11,7 @@ import yaml
 
 from mebo_grasp.errors import ArchiveError, InvalidSettingsError
 from mebo_grasp.grasping.hand_model import HandModel
-from mebo_grasp.grasping.target_object import TargetObject
+from mebo_grasp.grasping.target_object import TargetObject, object_id_of
 from mebo_grasp.hand_volumes import HandVolumes
 from mebo_grasp.solutions.archive import SolutionArchive
 from mebo_grasp.solutions.diversity import PoseMetric
@@ -108,7 +108,7 @@ class StoredRun:
     @property
     def object_id(self) -> str:
         """Name of the object in the archive."""
-        return Path(self.explored.object).stem
+        return object_id_of(self.explored.object)
 
     def target(self) -> TargetObject:
         """Load the object."""

@@ -45,6 +45,6 @@ def suffix_of(file: Path) -> str:
 def read_trials(file: Path, suffix: str, object_id: str, topic: str) -> Iterator[StampedGrasp]:
     """Read a file of trials, one at a time; object and topic tell them from others in an MCAP file."""
     if suffix == ".mcap":
-        trials: Iterator[StampedGrasp] = mcap_module().read_mcap(file, Path(object_id).stem or None, topic)
+        trials: Iterator[StampedGrasp] = mcap_module().read_mcap(file, object_id or None, topic)
         return trials
     return read_csv(file) if suffix == ".csv" else read_jsonl(file)

@@ -21,11 +21,10 @@ from mebo_grasp.experiments.reports.cec2013_tables import all_tables, legend
 from mebo_grasp.experiments.runs.job import BATCH_SIZE, BUDGET, N_INITIAL, SEEDS, Job, make_jobs
 from mebo_grasp.experiments.runs.peers import PEER_NAMES, installed_peers
 from mebo_grasp.experiments.runs.progress import say
-from mebo_grasp.experiments.runs.protocol import known_methods, select_methods
+from mebo_grasp.experiments.runs.protocol import select_methods
 from mebo_grasp.experiments.runs.run_costs import SECONDS, slow_peers
 from mebo_grasp.experiments.runs.runner import Outcome, run_jobs
 from mebo_grasp.experiments.scores.result_set import ResultSet
-from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD
 
 DEFAULT_METHODS = ("default", "mebo")
 PENALIZATION = "local_penalization"
@@ -68,11 +67,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--workers", type=int, help="processes side by side (default: number of cores)")
 
 
-def default_method() -> str:
-    """Name of the method that ``default`` stands for."""
-    return DEFAULT_METHOD
-
-
 def plan(args: argparse.Namespace) -> list[Job]:
     """The runs that the options ask for.
 
@@ -83,8 +77,7 @@ def plan(args: argparse.Namespace) -> list[Job]:
         raise InvalidSettingsError(f"--seeds must be at least 1, got {args.seeds}")
     if args.batch < 1:
         raise InvalidSettingsError(f"--batch must be at least 1, got {args.batch}")
-    peers = installed_peers()
-    methods = select_methods(args.methods, default_method(), peers, slow_peers(peers))
+    methods = select_methods(args.methods, installed_peers())
     problems = [problem.name for problem in select_problems(args.functions)]
     protocol = {"n_initial": args.initial, "batch_size": args.batch}
     jobs: list[Job] = []
@@ -99,14 +92,21 @@ def plan(args: argparse.Namespace) -> list[Job]:
 
 
 def _budget(args: argparse.Namespace, name: str) -> int:
-    if args.budget is None:
-        if name in THESIS_FUNCTIONS:
-            return BUDGET
-        return OTHER_BUDGET_HIGH_DIM if get_problem(name).dim >= 10 else OTHER_BUDGET
-    budget = int(args.budget)
-    if not 0 <= args.initial <= budget or budget < 1:
-        raise InvalidSettingsError(f"--budget must be at least 1 and not below --initial {args.initial}, got {budget}")
+    """Evaluations a run of a function."""
+    budget = _usual_budget(name) if args.budget is None else int(args.budget)
+    if budget < 1:
+        raise InvalidSettingsError(f"--budget must be at least 1, got {budget}")
+    if not 0 <= args.initial <= budget:
+        raise InvalidSettingsError(
+            f"--initial must lie between 0 and the budget {budget} of {name}, got {args.initial}"
+        )
     return budget
+
+
+def _usual_budget(name: str) -> int:
+    if name in THESIS_FUNCTIONS:
+        return BUDGET
+    return OTHER_BUDGET_HIGH_DIM if get_problem(name).dim >= 10 else OTHER_BUDGET
 
 
 def run(args: argparse.Namespace) -> int:
@@ -166,6 +166,3 @@ def _report(outcome: Outcome, jobs: Sequence[Job], out: Path) -> None:
     (out / "tables.md").write_text(text, encoding="utf-8")
     plot_found_optima(outcome.results, out / "found_optima.png")
     say(f"tables and plots: {out / 'tables.md'}, {out / 'found_optima.png'}", sys.stdout)
-
-
-__all__ = ["DEFAULT_METHODS", "add_arguments", "default_method", "known_methods", "plan", "run"]

@@ -29,9 +29,7 @@ from mebo_grasp.experiments.objectives.registry import make_objective, setting_n
 from mebo_grasp.experiments.runs.job import BATCH_SIZE, BUDGET, N_INITIAL, SEEDS, Job
 from mebo_grasp.experiments.runs.peers import installed_peers
 from mebo_grasp.experiments.runs.protocol import select_methods
-from mebo_grasp.experiments.runs.run_costs import slow_peers
 from mebo_grasp.experiments.scores.study_scores import METRICS, check_metrics
-from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD
 
 PART_KEYS = ("objective", "space", "methods", "budget", "initial", "batch", "seeds")
 KEYS = ("title", "about", *PART_KEYS, "metrics", "parts")
@@ -205,8 +203,7 @@ def _jobs_of(part: dict[str, Any]) -> Iterable[tuple[int, Job]]:
     for key in ("objective", "methods"):
         if not part.get(key):
             raise InvalidSettingsError(f"an experiment needs {key}")
-    peers = installed_peers()
-    methods = select_methods(_names("methods", part["methods"]), DEFAULT_METHOD, peers, slow_peers(peers))
+    methods = select_methods(_names("methods", part["methods"]), installed_peers())
     budget = _count("budget", part.get("budget", BUDGET), 1)
     initial = _count("initial", part.get("initial", N_INITIAL), 0)
     batch = _count("batch", part.get("batch", BATCH_SIZE), 1)

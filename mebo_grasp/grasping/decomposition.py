@@ -13,6 +13,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -97,7 +98,7 @@ def read_parts(path: Path) -> tuple[FloatArray, ...] | None:
     try:
         with np.load(path) as data:
             parts = tuple(np.array(data[f"arr_{i}"], dtype=np.float64) for i in range(len(data.files)))
-    except (OSError, ValueError, KeyError, EOFError):
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
     sound = bool(parts) and all(part.ndim == 2 and part.shape[1] == 3 and np.isfinite(part).all() for part in parts)
     return parts if sound else None
@@ -107,9 +108,10 @@ def _store(path: Path, parts: tuple[FloatArray, ...]) -> None:
     """Write the parts beside their place and move them there, so that no reader sees half a file."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".npz", delete=False) as file:
-            np.savez(file, *parts)
-        Path(file.name).replace(path)
+        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+            unfinished = Path(folder) / path.name
+            np.savez(unfinished, *parts)
+            unfinished.replace(path)
     except OSError as error:
         LOGGER.warning("convex parts are not kept for the next start: %s", error)
 

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import HandPosture, Pose
 from mebo_grasp.grasping.hand_model import HandModel
-from mebo_grasp.grasping.pose_space import checked_values, finger_length, finger_reach, within
+from mebo_grasp.grasping.pose_space import check_bounds, checked_values, finger_length, finger_reach, within
 from mebo_grasp.grasping.synergies import SynergyBasis, hand_synergies
 from mebo_grasp.grasping.target_object import TargetObject
 
@@ -60,14 +60,7 @@ class FacetSpace:
     def __post_init__(self) -> None:
         for which in ("lower", "upper"):
             object.__setattr__(self, which, np.array(getattr(self, which), dtype=np.float64))
-        if self.lower.shape != (self.dimension,) or self.upper.shape != (self.dimension,):
-            raise InvalidSettingsError(
-                f"this space has {self.dimension} dimensions ({', '.join(self.names)}), got bounds of shapes "
-                f"{self.lower.shape} and {self.upper.shape}"
-            )
-        for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
-            if not (np.isfinite(low) and np.isfinite(high) and low < high):
-                raise InvalidSettingsError(f"bounds of '{name}' are {low} to {high}; they must be finite and rising")
+        check_bounds(self.names, self.lower, self.upper)
 
     @property
     def names(self) -> tuple[str, ...]:

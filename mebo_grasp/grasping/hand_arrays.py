@@ -32,10 +32,6 @@ APART_FOR_GOOD = 1e-3
 """Fingers whose slabs keep so far apart are not tested against each other, metres."""
 
 
-_Chains = tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
-"""The first seven attributes of ``HandArrays``."""
-
-
 HAND_TYPE = np.dtype(
     [
         ("fingers", np.int64),

@@ -72,7 +72,7 @@ def read_description(path: Path) -> HandDescription:
         InvalidHandError: the file is unreadable, lacks a key, has an unknown one or a value of a wrong kind.
     """
     try:
-        data = yaml.safe_load(path.read_text())
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise InvalidHandError(f"cannot read the hand description '{path}': {error}") from error
     if not isinstance(data, dict):
@@ -80,7 +80,9 @@ def read_description(path: Path) -> HandDescription:
     _check_keys(data, path)
     try:
         return _description(data, path)
-    except (TypeError, ValueError, KeyError, AttributeError) as error:
+    except KeyError as error:
+        raise InvalidHandError(f"hand description '{path}': an entry lacks its key {error}") from error
+    except (TypeError, ValueError, AttributeError) as error:
         raise InvalidHandError(f"hand description '{path}': {error}") from error
 
 
@@ -104,7 +106,7 @@ def _description(data: dict[str, Any], path: Path) -> HandDescription:
         urdf_path=resolve(str(data["urdf"]), path.parent, path),
         tcp_link=str(tcp["link"]),
         T_link_tcp=Pose.from_rpy(tcp.get("xyz", (0, 0, 0)), tcp.get("rpy", (0, 0, 0))),
-        palm_links=tuple(str(link) for link in data["palm_links"]),
+        palm_links=_names(data["palm_links"], "palm_links"),
         palm_normal=normal,
         grasp_center=_vector(data.get("grasp_center", (0, 0, 0)), "grasp_center"),
         approach_axis=_unit(data.get("approach_axis", normal), "approach_axis"),
@@ -124,12 +126,18 @@ def _fingers(data: dict[str, Any]) -> tuple[FingerDescription, ...]:
         raise ValueError("no finger is described")
     fingers = []
     for name, entry in data.items():
-        joints = tuple(str(joint) for joint in entry["joints"])
+        joints = _names(entry["joints"], f"joints of finger {name}")
         speeds = tuple(_finite(speed, name) for speed in entry.get("speeds", [1.0] * len(joints)))
         if not joints or len(joints) != len(speeds) or any(speed == 0.0 for speed in speeds):
             raise ValueError(f"finger '{name}' needs at least one joint and one non-zero speed a joint")
         fingers.append(FingerDescription(str(name), joints, speeds))
     return tuple(fingers)
+
+
+def _names(values: Any, what: str) -> tuple[str, ...]:
+    if not isinstance(values, list):  # of a text each character would be taken for a name
+        raise ValueError(f"'{what}' must be a list of names in brackets, got {values!r}")
+    return tuple(str(value) for value in values)
 
 
 def _finite(value: Any, what: Any) -> float:

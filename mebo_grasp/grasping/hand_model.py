@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mebo_grasp.errors import InvalidHandError
-from mebo_grasp.grasp import HandPosture, Pose
+from mebo_grasp.grasp import Grasp, HandPosture, Pose
 from mebo_grasp.grasping.hand_description import FingerDescription, HandDescription, read_description
 from mebo_grasp.grasping.icub_meshes import mesh_hand_file
 from mebo_grasp.grasping.urdf import LinkShape, Urdf, read_urdf
@@ -218,6 +218,21 @@ def place_shape(shape: LinkShape, T_tcp_link: FloatArray) -> PlacedShape:
     )
 
 
+def shapes_in_grasp(hand: HandModel, grasp: Grasp) -> list[PlacedShape]:
+    """Return the shapes for display, in the TCP frame, of the hand that made a grasp, in its final posture.
+
+    Args:
+        hand: the hand; for a grasp by another one of ``HAND_NAMES`` that one is taken.
+        grasp: tells hand and posture; where its posture is of another hand, the preshape is taken.
+    """
+    if grasp.hand != hand.name and grasp.hand in HAND_NAMES:
+        hand = HandModel.load(grasp.hand)
+    try:
+        return hand.link_geometry(grasp.hand_posture)
+    except InvalidHandError:
+        return hand.link_geometry()
+
+
 def check_description(description: HandDescription, urdf: Urdf) -> None:
     """Check that every name of the description exists in the URDF and that chains make sense.
 
@@ -236,6 +251,10 @@ def check_description(description: HandDescription, urdf: Urdf) -> None:
             )
     if len(set(named)) != len(named):
         raise InvalidHandError(f"hand '{description.name}': a joint stands in two finger chains")
+    if not urdf.collisions:
+        raise InvalidHandError(
+            f"hand '{description.name}' can touch nothing: no link in {description.urdf_path.name} has any to collide"
+        )
     _check_chains(description, urdf)
     _check_preshape(description, urdf)
 

@@ -10,6 +10,7 @@ The hand is written once as URDF, YAML and hulls into the user's cache and read 
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib.util
 import shutil
@@ -72,11 +73,14 @@ def mesh_hand_file(light_yaml: Path, side: str, cache: Path | None = None) -> Pa
     target = place / f"icub_{side}_mesh.yaml"
     if not target.is_file():
         root.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=root) as folder:
-            _write_hand(Path(folder), place, source, light_yaml, side)
-            if not target.is_file():
-                shutil.rmtree(place, ignore_errors=True)
-                shutil.copytree(folder, place)
+        unfinished = Path(tempfile.mkdtemp(dir=root))
+        try:
+            _write_hand(unfinished, place, source, light_yaml, side)
+            # In one step, so that nodes that start together never see half a hand; the first of them is enough.
+            with contextlib.suppress(OSError):
+                unfinished.rename(place)
+        finally:
+            shutil.rmtree(unfinished, ignore_errors=True)
     return target
 
 
@@ -99,11 +103,11 @@ def _write_hand(folder: Path, place: Path, source: Path, light_yaml: Path, side:
         _replace_shapes(link, original, folder, place)
     ElementTree.indent(tree)
     tree.write(folder / f"{name}.urdf", encoding="unicode", xml_declaration=True)
-    data = yaml.safe_load(light_yaml.read_text())
+    data = yaml.safe_load(light_yaml.read_text(encoding="utf-8"))
     data["name"], data["urdf"] = name, f"{name}.urdf"
     if "synergies" in data:
         data["synergies"] = str((light_yaml.parent / data["synergies"]).resolve())
-    (folder / f"{name}.yaml").write_text(yaml.safe_dump(data, sort_keys=False))
+    (folder / f"{name}.yaml").write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
 
 
 class _Original:

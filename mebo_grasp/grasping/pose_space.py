@@ -84,6 +84,9 @@ class PoseSpace:
     def __post_init__(self) -> None:
         for which in ("lower", "upper", "base_position", "base_rpy"):
             object.__setattr__(self, which, np.array(getattr(self, which), dtype=np.float64))
+        known = (*POSITION_NAMES, *ROTATION_NAMES)
+        if not self.names or len(set(self.names)) != len(self.names) or any(name not in known for name in self.names):
+            raise InvalidSettingsError(f"dimensions {self.names} must be some of {known}, each once")
         check_bounds(self.names, self.lower, self.upper)
 
     @property
@@ -141,13 +144,10 @@ def check_bounds(names: tuple[str, ...], lower: FloatArray, upper: FloatArray) -
     Raises:
         InvalidSettingsError: naming the dimension and the values.
     """
-    known = (*POSITION_NAMES, *ROTATION_NAMES)
-    if not names or len(set(names)) != len(names) or any(name not in known for name in names):
-        raise InvalidSettingsError(f"dimensions {names} must be some of {known}, each once")
     if lower.shape != (len(names),) or upper.shape != (len(names),):
         raise InvalidSettingsError(
-            f"a space of {len(names)} dimensions needs as many lower and upper bounds, "
-            f"got {lower.shape} and {upper.shape}"
+            f"this space has {len(names)} dimensions ({', '.join(names)}), got bounds of shapes "
+            f"{lower.shape} and {upper.shape}"
         )
     for name, low, high in zip(names, lower, upper, strict=True):
         if not (np.isfinite(low) and np.isfinite(high) and low < high):
@@ -199,11 +199,27 @@ def finger_length(hand: HandModel) -> float:
 
 
 def finger_reach(hand: HandModel) -> float:
-    """Return how far the fingers get from the palm along its normal, metres: the longest chain, bent square."""
+    """Return how far the fingers get from the palm along its normal, metres: the longest chain, bent square.
+
+    A chain is as long as the ways between its joints; a finger of one joint, as a gripper's, as its only link.
+    """
     longest = 0.0
     for finger in hand.fingers:
-        length = sum(float(np.linalg.norm(hand.urdf.joint(name).T_parent_joint[:3, 3])) for name in finger.joints[1:])
+        joints = [hand.urdf.joint(name) for name in finger.joints]
+        length = sum(float(np.linalg.norm(joint.T_parent_joint[:3, 3])) for joint in joints[1:])
+        if len(joints) == 1:
+            length = link_length(hand, joints[0].child)
         longest = max(longest, length)
+    return longest
+
+
+def link_length(hand: HandModel, link: str) -> float:
+    """Return how far a link's shapes reach from its joint, metres; 0 for a link without any."""
+    longest = 0.0
+    for shape in hand.urdf.collisions:
+        if shape.link == link:
+            centers, radii = covering_spheres(shape, shape.T_link_shape)
+            longest = max(longest, float((np.linalg.norm(centers, axis=1) + radii).max()))
     return longest
 
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.grasp import Grasp, GraspOutcome
-from mebo_grasp.grasping.hand_model import HandModel, PlacedShape
+from mebo_grasp.grasping.hand_model import HandModel, PlacedShape, shapes_in_grasp
 from mebo_grasp.grasping.rasterizer import look_at, project, render
 from mebo_grasp.grasping.target_object import TargetObject
 
@@ -132,7 +132,7 @@ def _faceted(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
 
 def _add_hand(scene: Triangles, hand: HandModel, grasp: Grasp, color: Color) -> None:
     T = grasp.T_object_tcp.matrix
-    for shape in hand.link_geometry(grasp.hand_posture):
+    for shape in shapes_in_grasp(hand, grasp):
         scene.add(shape_mesh(shape), color, T @ shape.T_tcp_shape.matrix)
 
 

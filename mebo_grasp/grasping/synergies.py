@@ -142,7 +142,7 @@ def read_synergies(path: Path) -> SynergyBasis:
         InvalidHandError: the file is unreadable or no basis.
     """
     try:
-        data: dict[str, Any] = yaml.safe_load(path.read_text())
+        data: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
         return SynergyBasis(
             tuple(str(name) for name in data["joints"]),
             *(np.array(data[key], dtype=np.float64) for key in ("mean", "components", "deviations", "explained")),

@@ -90,7 +90,7 @@ class TargetObject:
         Raises:
             InvalidObjectError: the file is missing or unreadable, or the mesh is unsound.
         """
-        name = object_id or Path(path).stem
+        name = object_id or object_id_of(path)
         check_scale(scale, str(path))
         mesh = load_mesh(Path(path))
         try:
@@ -117,8 +117,7 @@ class TargetObject:
             InvalidObjectError: the mesh is unsound, or ``concave`` unknown.
         """
         check_mesh(mesh, object_id)
-        if concave not in CONCAVE_SHAPES:
-            raise InvalidObjectError(f"concave is '{concave}', it must be one of {', '.join(CONCAVE_SHAPES)}")
+        check_concave(concave)
         if mesh.is_watertight:
             hull = mesh.convex_hull
             nearly_convex = abs(mesh.volume) >= CONVEX_SHARE * hull.volume
@@ -135,12 +134,11 @@ class TargetObject:
         """Return a built-in object by name, or else load the file of that path; ``concave`` as in ``from_mesh``.
 
         Raises:
-            InvalidObjectError: neither a built-in name nor a readable, sound mesh file.
+            InvalidObjectError: neither a built-in name nor a readable, sound mesh file, or ``concave`` unknown.
         """
+        check_concave(concave)
         name = str(name_or_path)
-        if name in BUILDERS:
-            return cls.builtin(name, scale)
-        if not Path(name).suffix:
+        if name in BUILDERS or not Path(name).suffix:
             return cls.builtin(name, scale)
         return cls.from_file(name_or_path, scale, concave=concave)
 
@@ -189,6 +187,18 @@ class TargetObject:
     def corner_mean(self) -> FloatArray:
         """Mean of all triangle corners, shape (3,): what Simox takes for the centre of mass."""
         return np.array(self.mesh.triangles.reshape(-1, 3).mean(axis=0), dtype=np.float64)
+
+
+def object_id_of(name_or_path: str | Path) -> str:
+    """Return the name under which an object is known: that of a mesh file without its suffix, any other as it is."""
+    path = Path(name_or_path)
+    return path.stem if path.suffix.lower() in MESH_SUFFIXES else path.name
+
+
+def check_concave(concave: str) -> None:
+    """Refuse an unknown way to stand for a concave mesh."""
+    if concave not in CONCAVE_SHAPES:
+        raise InvalidObjectError(f"concave is '{concave}', it must be one of {', '.join(CONCAVE_SHAPES)}")
 
 
 def check_scale(scale: float, name: str) -> None:

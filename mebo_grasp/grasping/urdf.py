@@ -111,7 +111,7 @@ def read_urdf(path: Path) -> Urdf:
     """
     try:
         robot = ElementTree.parse(path).getroot()
-    except (OSError, ElementTree.ParseError) as error:
+    except (OSError, ElementTree.ParseError, LookupError, ValueError) as error:  # the last two of its encoding
         raise InvalidHandError(f"cannot read the URDF '{path}': {error}") from error
     try:
         links = tuple(_attribute(link, "name") for link in robot.findall("link"))

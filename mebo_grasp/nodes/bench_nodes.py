@@ -62,7 +62,11 @@ class Bench:
         while not condition():
             if time.monotonic() > end:
                 raise TimeoutError(f"{what} did not come within {TIMEOUT:.0f} s")
-            self._executor.spin_once(timeout_sec=0.1)
+            self.spin_once(0.1)
+
+    def spin_once(self, timeout: float) -> None:
+        """Take a message, or wait some seconds for one."""
+        self._executor.spin_once(timeout_sec=timeout)
 
     def time_calls(
         self, kind: Any, service: str, requests: list[Any], clock: Callable[[], Any] = time.perf_counter
@@ -200,7 +204,7 @@ class InstantHand(threading.Thread):
     def run(self) -> None:
         """Spin until told to stop."""
         while not self._stopping.is_set():
-            self._bench._executor.spin_once(timeout_sec=0.05)
+            self._bench.spin_once(0.05)
 
     def stop(self) -> None:
         """End the thread and leave the domain."""

@@ -11,7 +11,7 @@ import argparse
 import os
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,7 @@ from mebo_grasp_interfaces.msg import SolutionSet as SolutionSetMsg
 from mebo_grasp_interfaces.srv import GetBestGrasp, GetSolutionSet
 
 from mebo_grasp.benchmarks.solutions import OBJECT, fill, in_own_process, make_scene, make_trials
-from mebo_grasp.grasp import Pose, StampedGrasp
+from mebo_grasp.grasp import FloatArray, Pose, StampedGrasp
 from mebo_grasp.nodes import qos
 from mebo_grasp.nodes.bench_nodes import Bench, memory, processor_seconds, spread
 from mebo_grasp.nodes.domain import private_domain
@@ -45,7 +45,10 @@ def bench_service(bench: Bench, node: NodeProcess, scenes: Sequence[list[Occlusi
     answer takes as long, and the way through DDS.
     """
     requests = [GetBestGrasp.Request(occlusions=scene, max_grasps=10, rule=rule) for scene in scenes]
-    clocks = lambda: np.array([time.perf_counter(), processor_seconds(node) + time.process_time()])  # noqa: E731
+
+    def clocks() -> FloatArray:
+        return np.array([time.perf_counter(), processor_seconds(node) + time.process_time()])
+
     times = bench.time_calls(GetBestGrasp, "get_best_grasp", requests, clocks)
     spread(f"get_best_grasp, {name}, k = 10", times[:, 0])
     spread("  of it processor time of node and caller", times[:, 1])
@@ -57,7 +60,10 @@ def bench_topic(bench: Bench, scenes: Sequence[list[OcclusionMsg]]) -> None:
     A scene that leaves the best grasp as it is publishes no new one, so every other array blocks everything.
     """
     seen: dict[str, list[float]] = {"best_grasp": [], "solution_set": []}
-    note: Callable[[str], None] = lambda topic: seen[topic].append(time.perf_counter())  # noqa: E731
+
+    def note(topic: str) -> None:
+        seen[topic].append(time.perf_counter())
+
     bench.node.create_subscription(PoseStamped, "best_grasp", lambda _: note("best_grasp"), qos.LATCHED)
     bench.node.create_subscription(SolutionSetMsg, "solution_set", lambda _: note("solution_set"), qos.LATCHED)
     publisher = bench.node.create_publisher(OcclusionArray, "occlusions", qos.LATCHED)

@@ -14,6 +14,8 @@ from typing import Generic, TypeVar
 PoseType = TypeVar("PoseType")
 PostureType = TypeVar("PostureType")
 
+NO_STAMP = 0
+"""Of candidates typed by hand: what comes later under it is no late half but another candidate."""
 MOST_WAITING = 100
 """Halves that wait at once; one more and the oldest is given up. As many as the topics keep."""
 MOST_GIVEN_UP = 1000
@@ -73,7 +75,8 @@ class CandidatePairs(Generic[PoseType, PostureType]):
         }
         for stamp in lost:
             del self._waiting[stamp]
-            self._given_up.append(stamp)
+            if stamp != NO_STAMP:
+                self._given_up.append(stamp)
         return lost
 
     def _wait(self, stamp_ns: int, half: Half[PoseType, PostureType]) -> None:

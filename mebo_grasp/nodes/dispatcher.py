@@ -46,7 +46,7 @@ class DispatchSettings:
                 raise InvalidSettingsError(f"{name} must be positive, got {getattr(self, name)}")
 
 
-@dataclass
+@dataclass(eq=False)
 class _OpenTrial(Generic[TrialType]):
     trial: TrialType
     attempts: int = 0

@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
 from mebo_grasp.errors import InvalidSettingsError
 
@@ -22,15 +23,29 @@ def private_domain() -> Iterator[int]:
         InvalidSettingsError: all ids are taken.
     """
     for domain_id in DOMAIN_IDS:
-        path = Path(tempfile.gettempdir()) / f"mebo_grasp_domain_{domain_id}.lock"
-        with path.open("a") as lock:
-            try:
-                # The lock goes with the process, however it ends.
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                continue
-            yield domain_id
+        lock = _locked_file(domain_id)
+        if lock is not None:
+            with lock:
+                yield domain_id
             return
     raise InvalidSettingsError(
-        f"all DDS domain ids from {DOMAIN_IDS.start} to {DOMAIN_IDS.stop - 1} are in use: stop an exploration"
+        f"all DDS domain ids from {DOMAIN_IDS.start} to {DOMAIN_IDS.stop - 1} are in use: stop an exploration, or "
+        f"look at the files mebo_grasp_domain_*.lock in {tempfile.gettempdir()}"
     )
+
+
+def _locked_file(domain_id: int) -> IO[str] | None:
+    """Return the locked file that stands for a domain id; None where somebody else holds or hides it."""
+    path = Path(tempfile.gettempdir()) / f"mebo_grasp_domain_{domain_id}.lock"
+    try:
+        # What another user made in a folder for all may be read only, and to read is enough for a lock.
+        lock = path.open("r" if path.exists() else "a")
+    except OSError:
+        return None
+    try:
+        # The lock goes with the process, however it ends.
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        lock.close()
+        return None
+    return lock

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +42,7 @@ class ExplorationPlan:
     pose_space: PoseSpace | FacetSpace | PosturePoseSpace
     settings: OptimizerNodeSettings
 
-    @property
+    @cached_property
     def search_space(self) -> SearchSpace:
         """The box in which the optimizer searches."""
         space = self.pose_space
@@ -126,11 +127,11 @@ class ExplorationPlan:
         path = Path(self.settings.run_log)
         if not self.settings.run_log or not path.exists():
             return None
-        aside = path.with_name(f"{path.name}.{time.strftime('%Y%m%d-%H%M%S')}")
-        suffix = 0
+        name, suffix = f"{path.name}.{time.strftime('%Y%m%d-%H%M%S')}", 0
+        aside = path.with_name(name)
         while aside.exists():
             suffix += 1
-            aside = path.with_name(f"{path.name}.{time.strftime('%Y%m%d-%H%M%S')}-{suffix}")
+            aside = path.with_name(f"{name}-{suffix}")
         return path.rename(aside)
 
     def point_of(self, pose: Pose) -> FloatArray | None:

@@ -71,7 +71,7 @@ class HandNode(Node):
         )
         self._next_stamp = StampSource(lambda: self.get_clock().now().nanoseconds, offset_ns=random_offset())
         self._marker_period = 1.0 / settings.marker_rate if settings.marker_rate > 0 else float("inf")
-        self._markers_due = 0.0
+        self._markers_due = 0.0 if settings.marker_rate > 0 else float("inf")
         self._warm_up()
         self._posture_timeout = settings.posture_timeout
         self._pairs: CandidatePairs[PoseStamped, JointState] | None = None
@@ -192,7 +192,7 @@ class HandNode(Node):
         if now < self._markers_due or not grasp.hand_posture.names:
             return
         self._markers_due = now + self._marker_period
-        self._hand_markers.publish(markers.grasp_markers([grasp], self._target.object_id))
+        self._hand_markers.publish(markers.grasp_markers([grasp], self._target.object_id, self._hand))
 
     def destroy_node(self) -> None:
         """Stop the simulator, then the node."""

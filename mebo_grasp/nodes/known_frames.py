@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
 
 from mebo_grasp.errors import InvalidSettingsError, MeboGraspError
@@ -62,11 +63,18 @@ class KnownFrames:
 
     def _on_tf_static(self, message: Any) -> None:
         try:
-            heard = [from_transform_stamped_msg(transform) for transform in message.transforms]
-            self.tree = self.tree.updated(heard)
+            self.tree = self.tree.updated(self._usable(message.transforms))
             self._on_change()
         except MeboGraspError as error:
             self._node.get_logger().warning(f"/tf_static: {error}")
         except Exception as error:
             # An exception that leaves a callback ends spin() and with it the node.
             self._node.get_logger().error(f"/tf_static: unexpected {type(error).__name__}: {error}")
+
+    def _usable(self, messages: Iterable[TransformStamped]) -> Iterator[FrameTransform]:
+        """Yield the transforms that can be used; any other is named and does not stand in their way."""
+        for message in messages:
+            try:
+                yield from_transform_stamped_msg(message)
+            except MeboGraspError as error:
+                self._node.get_logger().warning(f"/tf_static: {error}")

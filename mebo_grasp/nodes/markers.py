@@ -14,7 +14,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from mebo_grasp.errors import InvalidHandError
 from mebo_grasp.grasp import FloatArray, Grasp, GraspContact, Pose
-from mebo_grasp.grasping.hand_model import HandModel, PlacedShape
+from mebo_grasp.grasping.hand_model import ALL_HAND_NAMES, HandModel, PlacedShape, shapes_in_grasp
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.solutions.occlusion import Box, Cone, Occlusion, Sphere, TriangleMesh
 from msg_adapters.pose import to_point_msg, to_pose_msg
@@ -37,38 +37,41 @@ def object_markers(target: TargetObject) -> MarkerArray:
     )
 
 
-def grasp_markers(grasps: Sequence[Grasp], frame_id: str) -> MarkerArray:
+def grasp_markers(grasps: Sequence[Grasp], frame_id: str, hand: HandModel | None = None) -> MarkerArray:
     """Return hands in their final posture with their contacts, one colour a grasp, old ones deleted.
 
     Args:
         grasps: best first.
         frame_id: the object's frame.
+        hand: the hand of grasps that carry its name, beside the built-in ones; that of any other is an arrow.
     """
     markers = [_clear(frame_id)]
     for rank, grasp in enumerate(grasps):
-        markers += _parts_of(grasp, rank, len(grasps), frame_id)
+        markers += _parts_of(grasp, rank, len(grasps), frame_id, hand)
     return MarkerArray(markers=markers)
 
 
 @lru_cache(maxsize=64)
-def _parts_of(grasp: Grasp, rank: int, count: int, frame_id: str) -> tuple[Marker, ...]:
+def _parts_of(grasp: Grasp, rank: int, count: int, frame_id: str, hand: HandModel | None) -> tuple[Marker, ...]:
     """The markers of one grasp: kept, since they take 7 ms and a new occlusion leaves most grasps of a set."""
     contacts = [_contact_marker(rank, number, contact, frame_id) for number, contact in enumerate(grasp.contacts)]
-    return (*_hand_markers(rank, grasp, _rank_color(rank, count), frame_id), *contacts)
+    return (*_hand_markers(rank, grasp, _rank_color(rank, count), frame_id, hand), *contacts)
 
 
-def solution_markers(grasps: Sequence[Grasp], occlusions: Iterable[Occlusion], frame_id: str) -> MarkerArray:
-    """Return the hands of the solution set and the regions that are occluded."""
-    array = grasp_markers(grasps, frame_id)
+def solution_markers(
+    grasps: Sequence[Grasp], occlusions: Iterable[Occlusion], frame_id: str, hand: HandModel | None = None
+) -> MarkerArray:
+    """Return the hands of the solution set, as ``grasp_markers`` does, and the regions that are occluded."""
+    array = grasp_markers(grasps, frame_id, hand)
     array.markers += [_occlusion_marker(number, occlusion, frame_id) for number, occlusion in enumerate(occlusions)]
     return array
 
 
 @lru_cache(maxsize=8)
-def _hand(name: str) -> HandModel | None:
-    """The model of a hand, or None for one that is known to another machine only."""
+def _built_in(name: str) -> HandModel | None:
+    """The model of a built-in hand, or None for any other and for one whose package is not installed."""
     try:
-        return HandModel.load(name)
+        return HandModel.load(name) if name in ALL_HAND_NAMES else None
     except InvalidHandError:
         return None
 
@@ -79,15 +82,15 @@ def _hull_of(vertices: bytes) -> trimesh.Trimesh:
     return trimesh.convex.convex_hull(np.frombuffer(vertices).reshape(-1, 3))
 
 
-def _hand_markers(rank: int, grasp: Grasp, color: ColorRGBA, frame_id: str) -> list[Marker]:
-    hand = _hand(grasp.hand)
+def _hand_markers(rank: int, grasp: Grasp, color: ColorRGBA, frame_id: str, hand: HandModel | None) -> list[Marker]:
+    if hand is None or hand.name != grasp.hand:
+        hand = _built_in(grasp.hand)
     if hand is None:
         return [_tcp_marker(rank, grasp, color, frame_id)]
-    posture = grasp.hand_posture if grasp.hand_posture.names else None
     namespace = f"hand {rank + 1}"
     markers: list[Marker] = []
     caps: dict[float, list[Point]] = {}
-    for shape in hand.link_geometry(posture):
+    for shape in shapes_in_grasp(hand, grasp):
         pose = grasp.T_object_tcp @ shape.T_tcp_shape
         markers.append(_shape_marker(frame_id, namespace, len(markers), shape, pose, color))
         if shape.kind == "capsule":

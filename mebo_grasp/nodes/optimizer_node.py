@@ -73,6 +73,7 @@ class OptimizerNode(Node):
         self._advertise()
 
     def _begin_run(self) -> None:
+        self._has_run = False
         optimizer = self._plan.open_optimizer()
         state = state_of(optimizer)
         self._known_points = state.observations.taken
@@ -84,8 +85,14 @@ class OptimizerNode(Node):
         self._trouble: Exception | None = None
         self._pace = Pace()
         self._status_due = 0.0
+        self._has_run = True
         if self._progress.told:
             self.get_logger().info(f"resumed {self._settings.run_log}: {self._progress.told} trials are told")
+
+    def _end_run(self) -> None:
+        self._worker.stop()
+        self._dispatcher.clear()
+        self._has_run = False
 
     def _advertise(self) -> None:
         self._hands = HandLinks(self, self._settings.hands, self._plan.object_id, self._plan.with_posture)
@@ -168,10 +175,10 @@ class OptimizerNode(Node):
 
     def _advance(self) -> None:
         """Send what waits, order more when too little is open, and say where things stand."""
-        # A run whose log tells of every trial is finished before the optimizer is asked for anything.
-        if self._state == ExplorationStatus.EXPLORING and self._progress.finished:
+        exploring = self._state == ExplorationStatus.EXPLORING
+        if exploring and self._progress.finished:  # also at the start: the log may tell of a whole run
             self._finish()
-        if self._state == ExplorationStatus.EXPLORING:
+        elif exploring:
             for assignment in self._dispatcher.assign(time.monotonic(), self._hands.ready):
                 self._send(assignment)
             self._ask_if_needed()
@@ -250,8 +257,7 @@ class OptimizerNode(Node):
     def _on_resume(self) -> str:
         if self._state == ExplorationStatus.PAUSED and isinstance(self._trouble, RunLogError):
             # The log knows less than the optimizer: go on from what it knows.
-            self._worker.stop()
-            self._dispatcher.clear()
+            self._end_run()
             self._begin_run()
         self._trouble = None
         self._change_state("resume", ExplorationStatus.PAUSED, ExplorationStatus.EXPLORING)
@@ -259,9 +265,9 @@ class OptimizerNode(Node):
 
     @guarded_trigger
     def _on_reset(self) -> str:
-        self._worker.stop()
-        self._dispatcher.clear()
+        # First what may be refused, by a folder that is read-only: then nothing has changed.
         aside = self._plan.set_log_aside()
+        self._end_run()
         self._state = ExplorationStatus.IDLE
         self._begin_run()
         self._advance()
@@ -272,6 +278,8 @@ class OptimizerNode(Node):
             raise MeboGraspError(
                 f"cannot {order} while {STATE_NAMES[self._state]}; {order} works while {STATE_NAMES[expected]}"
             )
+        if not self._has_run:  # a full disk did not take its log when it was to begin
+            self._begin_run()
         self._state = target
         self._status_due = 0.0
         self._advance()

@@ -6,6 +6,7 @@ shared.
 
 from __future__ import annotations
 
+import contextlib
 import queue
 import threading
 from collections.abc import Callable
@@ -110,7 +111,9 @@ class OptimizerWorker:
             self._events.put(self._execute(command, asks))
             self._on_event()
         if isinstance(self._optimizer, LoggedOptimizer):
-            self._optimizer.close()
+            # What a full disk did not take was told as the error of its command.
+            with contextlib.suppress(OSError):
+                self._optimizer.close()
 
     def _execute(self, command: Command, asks: bool) -> Event:
         trials: tuple[Trial, ...] = ()

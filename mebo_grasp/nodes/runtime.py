@@ -21,7 +21,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from threadpoolctl import threadpool_limits
 
-from mebo_grasp.errors import MeboGraspError
+from mebo_grasp.errors import MeboGraspError, os_error_text
 
 EXIT_BAD_SETTINGS = 2
 
@@ -101,9 +101,11 @@ class StopSignal:
 
     def __init__(self) -> None:
         self.ends_at_once = False
+        self.came = False
 
     def __call__(self, _number: int, _frame: FrameType | None) -> None:
         """End the process if that is allowed now."""
+        self.came = True
         if self.ends_at_once:
             sys.exit()
 
@@ -115,6 +117,8 @@ def may_be_broken_off() -> Iterator[None]:
     ours = [handler for handler in handlers if isinstance(handler, StopSignal)]
     for handler in ours:
         handler.ends_at_once = True
+        if handler.came:  # before: spin() would end at once, but only after this step
+            sys.exit()
     try:
         yield
     finally:
@@ -177,8 +181,7 @@ def run_node(make_node: Callable[[], Node]) -> None:
         rclpy.logging.get_logger("mebo_grasp").fatal(" ".join(str(error).split()))
         sys.exit(EXIT_BAD_SETTINGS)
     except OSError as error:
-        reason = f"cannot use '{error.filename}': {error.strerror}; name another place"
-        rclpy.logging.get_logger("mebo_grasp").fatal(reason)
+        rclpy.logging.get_logger("mebo_grasp").fatal(os_error_text(error))
         sys.exit(EXIT_BAD_SETTINGS)
     except Exception:
         # A node that is told to stop while it is being made fails somewhere in rclpy: that is no error.

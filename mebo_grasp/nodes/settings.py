@@ -18,6 +18,9 @@ from mebo_grasp.optimization.methods.base import (
 )
 from mebo_grasp.solutions.blocking import BlockingRule
 
+LARGEST_ANSWER = 10_000
+"""Grasps that the solution set node sends at once: a million of them, and their distances, would fill the memory."""
+
 OCCLUSION_RULES = tuple(rule.value for rule in BlockingRule)
 
 
@@ -157,7 +160,7 @@ class SolutionSetNodeSettings:
     sync_each_trial: bool = parameter(
         False, "wait for the disk at each trial, so that a loss of power loses none either"
     )
-    size: int = parameter(4, "grasps kept in the solution set", least=1, most=10_000)
+    size: int = parameter(4, "grasps kept in the solution set", least=1, most=LARGEST_ANSWER)
     min_distance: float = parameter(0.04, "least distance of two grasps of the set [m + weighted rad]", least=0.0)
     rotation_weight: float = parameter(
         0.05, "metres that one radian of rotation counts in the distance of two grasps", least=0.0

@@ -20,15 +20,16 @@ from mebo_grasp_interfaces.srv import GetBestGrasp, GetSolutionSet, ResetArchive
 from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
-from mebo_grasp.errors import InvalidMessageError, MeboGraspError, WrongFrameError
+from mebo_grasp.errors import InvalidMessageError, InvalidQueryError, MeboGraspError, WrongFrameError
 from mebo_grasp.grasp import Grasp, StampedGrasp
 from mebo_grasp.grasping.hand_model import HandModel
+from mebo_grasp.grasping.target_object import object_id_of
 from mebo_grasp.hand_volumes import HandVolumes
 from mebo_grasp.nodes import markers, qos
 from mebo_grasp.nodes.known_frames import KnownFrames
 from mebo_grasp.nodes.parameters import declare
 from mebo_grasp.nodes.runtime import STEADY_CLOCK, guarded, guarded_service, run_node
-from mebo_grasp.nodes.settings import SolutionSetNodeSettings
+from mebo_grasp.nodes.settings import LARGEST_ANSWER, SolutionSetNodeSettings
 from mebo_grasp.solutions.archive import AddStatus, SolutionArchive
 from mebo_grasp.solutions.best_grasp import BestGraspAnswer, BestGraspQuery
 from mebo_grasp.solutions.blocking import BlockingRule
@@ -72,7 +73,7 @@ class SolutionSetNode(Node):
     def __init__(self) -> None:
         super().__init__("solution_set_node")
         self._settings = declare(self, SolutionSetNodeSettings)
-        self._object_id = Path(self._settings.object).stem
+        self._object_id = object_id_of(self._settings.object)
         self._rule = BlockingRule(self._settings.occlusion_rule)
         self._occlusions: tuple[Occlusion, ...] = ()
         self._heard = OcclusionArray()
@@ -92,14 +93,14 @@ class SolutionSetNode(Node):
         path.parent.mkdir(parents=True, exist_ok=True)
         axis = self._settings.symmetry_axis
         metric = PoseMetric(self._settings.rotation_weight, (axis[0], axis[1], axis[2]) if axis else None)
-        hand = HandModel.load(self._settings.hand)
+        self._hand = HandModel.load(self._settings.hand)
         start, own_start = time.perf_counter(), time.process_time()
         self._archive = SolutionArchive(
             path,
             self._object_id,
             metric,
-            hand_volume=HandVolumes([hand], self._tell_unknown_hand),
-            approach_axis=self._settings.approach_axis or hand.approach_axis,
+            hand_volume=HandVolumes([self._hand], self._tell_unknown_hand),
+            approach_axis=self._settings.approach_axis or self._hand.approach_axis,
             sync_each_trial=self._settings.sync_each_trial,
         )
         self.get_logger().info(
@@ -208,6 +209,7 @@ class SolutionSetNode(Node):
         if request.ranking not in _RANKINGS:
             known_rankings = ", ".join(f"RANK_{name.name}={value}" for value, name in _RANKINGS.items())
             raise InvalidMessageError(f"ranking {request.ranking} is unknown; known are {known_rankings}")
+        _require_answerable("max_grasps", request.max_grasps)
         known = () if request.ignore_known else self._occlusions
         return BestGraspQuery(
             occlusions=(*known, *self._to_occlusions(request.occlusions)),
@@ -225,10 +227,11 @@ class SolutionSetNode(Node):
         self, request: GetSolutionSet.Request, response: GetSolutionSet.Response
     ) -> GetSolutionSet.Response:
         distance = request.min_diversity or self._settings.min_distance
-        if not (math.isfinite(distance) and distance >= 0.0):
-            error = f"min_diversity must be a finite number of at least 0, got {request.min_diversity}"
+        try:
+            _require_answerable("size", request.size)
+            solutions = self._archive.solution_set(request.size or self._settings.size, distance)
+        except (InvalidMessageError, InvalidQueryError) as error:
             return _refuse(response, response.INVALID_REQUEST, error)
-        solutions = self._archive.solution_set(request.size or self._settings.size, distance)
         response.solution_set = self._to_message(solutions)
         if not solutions.grasps:
             response.error_code = response.NO_GRASP_STORED
@@ -256,7 +259,7 @@ class SolutionSetNode(Node):
         # Markers are large and for the eye: they come less often than the set itself.
         if self._markers_changed:
             self._markers_changed = False
-            array = markers.solution_markers(self._shown, self._occlusions, self._object_id)
+            array = markers.solution_markers(self._shown, self._occlusions, self._object_id, self._hand)
             self._marker_publisher.publish(array)
 
     def _publish_best(self) -> None:
@@ -315,6 +318,14 @@ def no_grasp_msg(stamp_ns: int, frame_id: str) -> PoseStamped:
     message.header.frame_id = frame_id
     message.pose.position.x = message.pose.position.y = message.pose.position.z = math.nan
     return message
+
+
+def _require_answerable(what: str, number: int) -> None:
+    if number > LARGEST_ANSWER:
+        raise InvalidMessageError(
+            f"{what} is {number}, but at most {LARGEST_ANSWER} grasps are sent at once; ask for fewer, or read all "
+            "from the database by `mebo-grasp export`"
+        )
 
 
 def _refuse(response: Any, error_code: int, reason: object) -> Any:

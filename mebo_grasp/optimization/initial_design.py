@@ -20,9 +20,14 @@ def _engine(kind: Any, dim: int, rng: np.random.Generator, **options: Any) -> An
     # scipy spawns a child of a generator it is given, and children come from the seed, not from the state: a
     # generator restored from a log would give other points. A fresh one, seeded by a draw, does not.
     child = np.random.default_rng(int(rng.integers(2**63)))
-    # scipy renamed the argument from seed to rng in 1.15; both releases are supported.
-    name = "rng" if "rng" in inspect.signature(kind).parameters else "seed"
-    return kind(d=dim, **{name: child}, **options)
+    return kind(d=dim, **rng_argument(kind, child), **options)
+
+
+def rng_argument(function: Any, rng: np.random.Generator) -> dict[str, np.random.Generator]:
+    """A generator by the name under which a function of scipy takes it: rng from 1.15 on; Ubuntu 24.04 has 1.11."""
+    known = inspect.signature(function).parameters
+    name = next(name for name in ("rng", "seed", "random_state") if name in known)
+    return {name: rng}
 
 
 def _check(n: int, dim: int) -> None:

@@ -28,7 +28,8 @@ class InputNoise:
             with another unit are taken as exact.
         unit: one of ``UNITS``.
         kappa: parameter k of the unscented transform; None for 3 - d, but at least 1. With 3 - d it is exact to the
-            fourth moments of one axis, and from 1 on no weight is negative and the point itself counts.
+            fourth moments of one axis, and from 1 on no weight is negative and the point itself counts. The default
+            method draws the noise instead and needs no k.
 
     Raises:
         InvalidSettingsError: unknown unit, no values, a value that is not finite, a negative deviation, or a
@@ -54,8 +55,20 @@ class InputNoise:
 
     @classmethod
     def covariance(cls, matrix: npt.ArrayLike, unit: str = CUBE, kappa: float | None = None) -> Self:
-        """Full covariance, shape (d, d), in ``cube`` or ``space`` units."""
-        return cls(tuple(np.asarray(matrix, dtype=np.float64).ravel().tolist()), unit, kappa)
+        """Full covariance, shape (d, d), in ``cube`` or ``space`` units.
+
+        Raises:
+            InvalidSettingsError: it is not square, or the variance of a single dimension is negative.
+        """
+        square = np.asarray(matrix, dtype=np.float64)
+        if square.ndim != 2 or square.shape[0] != square.shape[1]:
+            raise InvalidSettingsError(f"a covariance must have shape (d, d), got {square.shape}")
+        if len(square) > 1:
+            return cls(tuple(square.ravel().tolist()), unit, kappa)
+        # One value alone is a standard deviation.
+        if square[0, 0] < 0.0:
+            raise InvalidSettingsError(f"a variance must be at least 0, got {square[0, 0]}")
+        return cls((float(np.sqrt(square[0, 0])),), unit, kappa)
 
     @classmethod
     def of_pose(cls, metres: float, radians: float, kappa: float | None = None) -> Self:
@@ -67,12 +80,14 @@ class InputNoise:
         """Read back what ``dataclasses.asdict`` and JSON made of it.
 
         Raises:
-            InvalidSettingsError: it is no such record.
+            InvalidSettingsError: it is no such record, or a value is out of its range.
         """
         if not isinstance(value, dict) or not set(value) <= {"values", "unit", "kappa"}:
             raise InvalidSettingsError(f"input noise must have values, unit and kappa, got {value!r}")
         try:
             return cls(**{**value, "values": tuple(value["values"])})
+        except InvalidSettingsError:
+            raise
         except (KeyError, TypeError, ValueError) as error:
             raise InvalidSettingsError(f"input noise is unreadable: {value!r}") from error
 

@@ -84,9 +84,14 @@ class Observations:
         return np.stack([self._pending[key] for key in sorted(self._pending)])
 
     @property
+    def without_value(self) -> FloatArray:
+        """Points that failed or are open, shape (n_failed + n_pending, d): their values are not known."""
+        return np.concatenate([self.failed, self.pending])
+
+    @property
     def taken(self) -> FloatArray:
         """Every point that was asked for or observed, in one array, shape (n + n_failed + n_pending, d)."""
-        return np.concatenate([self.U, self.failed, self.pending])
+        return np.concatenate([self.U, self.without_value])
 
     def _checked(self, u: npt.ArrayLike) -> FloatArray:
         point = np.array(u, dtype=np.float64)

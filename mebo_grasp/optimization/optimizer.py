@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from mebo_grasp.errors import InvalidSettingsError, TrialStateError
 from mebo_grasp.grasp import FloatArray
+from mebo_grasp.optimization.blas_threads import one_blas_thread
 from mebo_grasp.optimization.initial_design import latin_hypercube
 from mebo_grasp.optimization.methods.base import IndexArray, Method, MethodSettings, Outcomes
 from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD, make_method
@@ -18,6 +19,9 @@ from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.search_space import SearchSpace, read_only
 
 INITIAL_PHASE = "initial design"
+
+LARGEST_VALUE = 1e100
+"""In size: squares of values, which variances are, have to stay finite."""
 
 OptimizerSettings = MethodSettings
 """One record for the optimizer and its method, so that budget and batch size cannot contradict each other."""
@@ -132,9 +136,7 @@ class Optimizer:
         """The best point with a value, the earliest of equals; None before the first value."""
         if self._observations.n == 0:
             return None
-        best = int(np.argmax(self._observations.y))
-        x = read_only(self.space.from_unit(self._observations.U[best]))
-        return Incumbent(x, float(self._observations.y[best]))
+        return self._solution(int(np.argmax(self._observations.y)), None)
 
     @property
     def safe_incumbent(self) -> Incumbent | None:
@@ -143,10 +145,14 @@ class Optimizer:
         The default method takes that with the least spread of those which it cannot tell from the best one.
         None before the first value, and unless the run is safe.
         """
-        outcomes = self.method.outcomes(self._observations) if self._observations.n else None
+        if not self._observations.n:
+            return None
+        with one_blas_thread():
+            outcomes = self.method.outcomes(self._observations)
         return None if outcomes is None else self._solution(int(np.argmax(outcomes.ranking)), outcomes)
 
     def _solution(self, index: int, outcomes: Outcomes | None) -> Incumbent:
+        """An observed point by its index, with what is expected of it if that is known."""
         known = self._observations
         x, value = read_only(self.space.from_unit(known.U[index])), float(known.y[index])
         if outcomes is None:
@@ -180,9 +186,22 @@ class Optimizer:
         n_initial = max(0, min(rest, wanted))
         trials = self._open_trials(self._initial[self._n_asked : self._n_asked + n_initial], INITIAL_PHASE)
         if wanted > n_initial:
-            points = self.method.propose(self._observations, wanted - n_initial, self.rng)
+            try:
+                with one_blas_thread():
+                    points = self.method.propose(self._observations, wanted - n_initial, self.rng)
+            except BaseException:
+                # Nobody would ever tell them: the caller gets no trial.
+                self._take_back(trials)
+                raise
             trials += self._open_trials(points, self.method.phase)
         return trials
+
+    def _take_back(self, trials: list[Trial]) -> None:
+        """Close the latest trials as if they had not been asked for."""
+        for trial in trials:
+            self._observations.close(trial.id)
+            del self._open[trial.id]
+        self._n_asked -= len(trials)
 
     def reopen(
         self,
@@ -228,7 +247,7 @@ class Optimizer:
 
         Raises:
             TrialStateError: no open trial has this id.
-            InvalidSettingsError: the value is not finite.
+            InvalidSettingsError: the value is not finite or beyond ``LARGEST_VALUE``.
         """
         self._check_open(trial_id)
         value = self._checked_value(value)
@@ -251,7 +270,7 @@ class Optimizer:
         """Learn a result that another optimizer asked for (distributed mode, thesis 5.2).
 
         Raises:
-            InvalidSettingsError: the point lies outside the box or the value is not finite.
+            InvalidSettingsError: the point lies outside the box, or the value is as ``tell`` refuses it.
         """
         if not self.space.contains(x):
             raise InvalidSettingsError(
@@ -274,8 +293,9 @@ class Optimizer:
             raise InvalidSettingsError(f"a solution set needs a size of at least 1, got {size}")
         if min_distance is not None and not 0.0 < min_distance < math.inf:
             raise InvalidSettingsError(f"min_distance must be finite and above 0, got {min_distance}")
-        indices: IndexArray = self.method.solution_set(self._observations, size, min_distance)
-        outcomes = self.method.outcomes(self._observations)
+        with one_blas_thread():
+            indices: IndexArray = self.method.solution_set(self._observations, size, min_distance)
+            outcomes = self.method.outcomes(self._observations)
         return [self._solution(int(i), outcomes) for i in indices]
 
     def _check_open(self, trial_id: int) -> None:
@@ -290,4 +310,8 @@ class Optimizer:
         number = float(value)
         if not math.isfinite(number):
             raise InvalidSettingsError(f"the value of a trial must be finite, got {number}; or tell_failed")
+        if abs(number) > LARGEST_VALUE:
+            raise InvalidSettingsError(
+                f"the value of a trial must be at most {LARGEST_VALUE:g} in size, got {number}; scale the objective"
+            )
         return number

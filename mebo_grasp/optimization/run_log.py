@@ -101,16 +101,27 @@ class RunLog:
         """Open an existing log to continue it; a torn last line is cut off.
 
         Raises:
-            RunLogError: the file is absent, is not a run log, or another process continues it.
+            RunLogError: the file is absent, is not a run log (it is left as it is), or another process continues it.
         """
         target = Path(path)
         try:
             log = cls(target, target.open("r+", encoding="utf-8"))
-            log._stream.seek(sum(len(line) for line in _complete_lines(_read(target))))
-            log._stream.truncate()
         except OSError as error:
             raise RunLogError(f"cannot continue the run log {target}: {error}") from error
+        try:
+            cls.load(target)
+            log._cut_torn_line()
+        except BaseException:
+            log.close()
+            raise
         return log
+
+    def _cut_torn_line(self) -> None:
+        try:
+            self._stream.seek(sum(len(line) for line in _complete_lines(_read(self.path))))
+            self._stream.truncate()
+        except OSError as error:
+            raise RunLogError(f"cannot continue the run log {self.path}: {error}") from error
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
@@ -123,7 +134,9 @@ class RunLog:
         target = Path(path)
         records = [_record(line, i, target) for i, line in enumerate(_complete_lines(_read(target)))]
         if not records or records[0].get("kind") != "header":
-            raise RunLogError(f"{target} is not a run log: its first line is no header")
+            raise RunLogError(
+                f"{target} is not a run log: its first line is no header; name another file, or delete this one"
+            )
         if records[0].get("format") != FORMAT_VERSION:
             raise RunLogError(f"{target} has format {records[0].get('format')!r}; this version reads {FORMAT_VERSION}")
         return records
@@ -147,12 +160,12 @@ class RunLog:
         """Append one record and hand it to the operating system.
 
         Raises:
-            RunLogError: the disk refuses it.
+            RunLogError: it holds what JSON cannot, or the disk refuses it.
         """
         try:
             self._stream.write(json.dumps(record, allow_nan=False) + "\n")
             self._stream.flush()
-        except (OSError, ValueError) as error:
+        except (OSError, TypeError, ValueError) as error:
             raise RunLogError(f"cannot write to the run log {self.path}: {error}") from error
 
     def close(self) -> None:
@@ -228,7 +241,7 @@ class LoggedOptimizer:
                 "upper": space.upper.tolist(),
                 "distance_weights": space.distance_weights.tolist(),
             },
-            "seed": rng if isinstance(rng, int) else None,
+            "seed": None if isinstance(rng, np.random.Generator) else int(rng),
             "rng": rng_state,
         }
         return cls(optimizer, RunLog.create(path, header))
@@ -238,9 +251,15 @@ class LoggedOptimizer:
         """Continue a run: its open trials are open again, and further lines go to the same file.
 
         Raises:
-            RunLogError: the log cannot be read or contradicts itself.
+            RunLogError: the log cannot be read, contradicts itself, or another process continues it.
         """
-        return cls(resume(path), RunLog.append(path))
+        # Locked before it is read: a process that still writes might add what this one would not know.
+        log = RunLog.append(path)
+        try:
+            return cls(resume(path), log)
+        except BaseException:
+            log.close()
+            raise
 
     def ask(self, count: int | None = None) -> list[Trial]:
         """Open new trials; see ``Optimizer.ask``."""

@@ -46,7 +46,7 @@ class SearchSpace:
         lower, upper = read_only(self.lower), read_only(self.upper)
         self._check_names(names, units)
         self._check_bounds(names, lower, upper)
-        weights = read_only(self.distance_weights if len(self.distance_weights) else np.ones(len(names)))
+        weights = read_only(self.distance_weights if np.size(self.distance_weights) else np.ones(len(names)))
         self._check_weights(names, weights)
         object.__setattr__(self, "names", names)
         object.__setattr__(self, "units", units)

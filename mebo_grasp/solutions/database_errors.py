@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -34,24 +35,34 @@ def _explain(error: sqlite3.Error) -> str:
     return text
 
 
-def require_database(path: Path) -> None:
-    """Refuse what is not SQLite before SQLite gets a chance to touch it.
+def require_place(path: Path) -> None:
+    """Refuse a place where no archive can be. The file is not opened: see ``require_database``.
 
     Raises:
-        ArchiveError: the file exists and is no database, or cannot be written, or its folder is missing.
+        ArchiveError: the folder is missing, or there is a folder or a file that may not be written.
     """
     if not path.parent.is_dir():
         raise ArchiveError(f"the folder of the archive {path} does not exist; make it first")
     if path.is_dir():
         raise ArchiveError(f"the archive {path} is a folder; name a file")
-    if not path.exists():
-        return
+    if path.exists() and not os.access(path, os.R_OK | os.W_OK):
+        raise ArchiveError(f"the archive {path} cannot be opened for writing: Permission denied")
+
+
+def require_database(path: Path) -> None:
+    """Refuse what is not SQLite before SQLite gets a chance to touch it.
+
+    To be called by the only writer: closing the file drops the locks that SQLite holds on it in this process.
+
+    Raises:
+        ArchiveError: the file exists and is no database, or cannot be read.
+    """
     try:
         with path.open("rb") as file:
             start = file.read(len(SQLITE_MAGIC))
-        with path.open("r+b"):
-            pass
+    except FileNotFoundError:
+        return
     except OSError as error:
-        raise ArchiveError(f"the archive {path} cannot be opened for writing: {error.strerror}") from error
+        raise ArchiveError(f"the archive {path} cannot be read: {error.strerror}") from error
     if start and start != SQLITE_MAGIC:
         raise ArchiveError(f"{path} is not an SQLite database; it is left as it is, name another file")

@@ -31,6 +31,10 @@ from mebo_grasp.solutions.archive import SolutionArchive
 NUMBERS = ("quality", "epsilon", "volume", "isotropy", "computation_time")
 NOISE_NUMBERS = ("expected_quality", "quality_sd", "worst_quality", "noise_samples")
 """Empty where nothing is known of a grasp under noise; older files lack them."""
+LATEST_STAMP = 2**31 * 10**9 - 1
+"""Nanoseconds, in 2038: the last that a ROS time tells; a grasp of a later stamp could never be sent."""
+MOST_SAMPLES = 2**32 - 1
+"""Of a quality under noise, as its message counts them."""
 CSV_COLUMNS = (
     "stamp_ns", "object_id", "outcome", "quality", "epsilon", "volume", "isotropy", "force_closure",
     "px", "py", "pz", "qx", "qy", "qz", "qw", "hand", "computation_time", "message",
@@ -78,22 +82,22 @@ def from_record(record: Record) -> StampedGrasp:
         grasp = Grasp(
             T_object_tcp=Pose(record["position"], record["quaternion_xyzw"]),
             outcome=GraspOutcome[record["outcome"]],
-            **{name: _nan_if_null(record[name]) for name in NUMBERS},
+            **{name: _number(record[name], name) for name in NUMBERS},
             force_closure=_boolean(record["force_closure"]),
             contacts=tuple(
-                GraspContact(str(contact["link"]), contact["position"], contact["normal"])
+                GraspContact(_text(contact["link"]), contact["position"], contact["normal"])
                 for contact in record["contacts"]
             ),
             hand_posture=HandPosture(
-                tuple(str(name) for name in record["joint_names"]),
+                tuple(_text(name) for name in record["joint_names"]),
                 tuple(float(position) for position in record["joint_positions"]),
             ),
-            object_id=str(record["object_id"]),
-            hand=str(record["hand"]),
-            message=str(record["message"]),
+            object_id=_text(record["object_id"]),
+            hand=_text(record["hand"]),
+            message=_text(record["message"]),
             under_noise=_under_noise(record),
         )
-        return StampedGrasp(_whole(record["stamp_ns"], "stamp_ns"), grasp)
+        return StampedGrasp(_whole(record["stamp_ns"], "stamp_ns", LATEST_STAMP), grasp)
     except KeyError as error:
         raise InvalidFileError(f"field or value {error} is missing or unknown") from error
     except (TypeError, ValueError, MeboGraspError) as error:
@@ -112,15 +116,26 @@ def _under_noise(record: Record) -> QualityUnderNoise | None:
         raise ValueError(f"of {', '.join(NOISE_NUMBERS)} either all or none must be given")
     *figures, samples = given
     expected, sd, worst = map(float, figures)
-    return QualityUnderNoise(expected, sd, worst, _whole(samples, "noise_samples"))
+    return QualityUnderNoise(expected, sd, worst, _whole(samples, "noise_samples", MOST_SAMPLES))
 
 
 def _null_if_nan(value: float) -> float | None:
     return None if math.isnan(value) else float(value)
 
 
-def _nan_if_null(value: float | None) -> float:
-    return math.nan if value is None else float(value)
+def _number(value: float | None, name: str) -> float:
+    """Return a number, NaN for null; infinite ones could not be written as JSON again."""
+    number = math.nan if value is None else float(value)
+    if math.isinf(number):
+        raise ValueError(f"{name} must be finite or empty, got {number}")
+    return number
+
+
+def _text(value: object) -> str:
+    """Return a text; UnicodeEncodeError (a ValueError) for half a character, which no database takes."""
+    text = str(value)
+    text.encode()
+    return text
 
 
 def _boolean(value: object) -> bool:
@@ -129,9 +144,9 @@ def _boolean(value: object) -> bool:
     return value
 
 
-def _whole(value: object, name: str) -> int:
-    if not isinstance(value, int) or isinstance(value, bool):
-        raise ValueError(f"{name} must be a whole number, got {value!r}")
+def _whole(value: object, name: str, most: int) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= most:
+        raise ValueError(f"{name} must be a whole number from 0 to {most}, got {value!r:.40}")
     return value
 
 

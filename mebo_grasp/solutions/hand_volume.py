@@ -60,7 +60,10 @@ class HandVolume:
             )
         numbers = np.concatenate([starts.ravel(), ends.ravel(), radii])
         if not np.all(np.isfinite(numbers)) or np.abs(numbers).max() > _LARGEST - 2 * UNIT:
-            raise InvalidHandError(f"capsules of a hand must be finite and within {_LARGEST:.3f} m of the TCP")
+            raise InvalidHandError(
+                f"capsules of a hand must be finite and within {_LARGEST:.3f} m of the TCP, got one at "
+                f"{np.abs(numbers).max():.3g} m"
+            )
         if radii.min() <= 0.0:
             raise InvalidHandError(f"radii of capsules must be above 0 m, got {radii.min()}")
         for name, values in (("starts", starts), ("ends", ends), ("radii", radii)):

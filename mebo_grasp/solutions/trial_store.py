@@ -16,7 +16,7 @@ from typing import Any
 
 from mebo_grasp.errors import ArchiveError
 from mebo_grasp.grasp import StampedGrasp
-from mebo_grasp.solutions.database_errors import as_archive_errors, require_database
+from mebo_grasp.solutions.database_errors import as_archive_errors, require_database, require_place
 from mebo_grasp.solutions.hand_volume import PackedVolume
 from mebo_grasp.solutions.schema import prepare_schema
 from mebo_grasp.solutions.stored_grasps import StoredGrasps
@@ -76,9 +76,11 @@ class TrialStore:
         self.object_id = object_id
         self._lock: WriterLock | None = None
         if self.path != IN_MEMORY:
-            require_database(Path(self.path))
+            require_place(Path(self.path))
             self._lock = WriterLock(Path(self.path))
         try:
+            if self._lock is not None:
+                require_database(Path(self.path))
             self._connection = self._open(sync_each_trial)
         except BaseException:
             if self._lock is not None:
@@ -205,7 +207,7 @@ class TrialStore:
                 expected = count_packed(self._connection, self._object_key)
                 blocks = read_blocks(self._connection, self._object_key, with_volumes)
                 return StoredGrasps.gather(blocks, expected, with_volumes)
-            except ValueError as error:
+            except (ValueError, TypeError) as error:
                 raise ArchiveError(
                     f"cannot read the archive {self.path}: {error}; the file is damaged: restore a copy or "
                     "name another file"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import os
 from pathlib import Path
@@ -26,8 +27,10 @@ class WriterLock:
     def __init__(self, database: Path) -> None:
         self._path = database.with_name(database.name + ".lock")
         self._descriptor = self._acquire()
-        os.truncate(self._descriptor, 0)
-        os.write(self._descriptor, f"{os.getpid()}\n".encode())
+        # Only for the message to a second writer: on a full disk the lock holds without it.
+        with contextlib.suppress(OSError):
+            os.truncate(self._descriptor, 0)
+            os.write(self._descriptor, f"{os.getpid()}\n".encode())
 
     def _acquire(self) -> int:
         while True:
@@ -39,12 +42,17 @@ class WriterLock:
                 ) from error
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as error:
+            except BlockingIOError as error:
                 holder = os.read(descriptor, 32).decode(errors="replace").strip() or "unknown"
                 os.close(descriptor)
                 raise ArchiveError(
                     f"{self._path.with_suffix('')} is in use by process {holder}: an archive has one "
                     "writer; stop that process or name another file"
+                ) from error
+            except OSError as error:
+                os.close(descriptor)
+                raise ArchiveError(
+                    f"cannot lock {self._path}: {error.strerror}; put the archive on a local disk"
                 ) from error
             if self._is_current(descriptor):
                 return descriptor
@@ -60,6 +68,7 @@ class WriterLock:
     def release(self) -> None:
         """Give the lock back and remove its file; harmless when called again."""
         if self._descriptor >= 0:
-            self._path.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):  # left behind in a folder that is read-only now, it locks nothing
+                self._path.unlink()
             os.close(self._descriptor)
             self._descriptor = -1

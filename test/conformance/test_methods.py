@@ -84,6 +84,16 @@ def test_neither_number_nor_distance_is_needed(name):
     assert len(trace) == 30
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_dimension_may_count_nothing_in_distances(name):
+    space = SearchSpace(("x", "roll"), np.zeros(2), np.ones(2), distance_weights=np.array([1.0, 0.0]))
+    optimizer = Optimizer(space, name, quick(budget=15, min_distance=0.2), 0)
+    assert len(np.unique(run(optimizer, smooth), axis=0)) == 15
+    x = np.sort([solution.x[0] for solution in optimizer.solution_set()])
+    if name != "cl_mebo":  # Its set is the one with the greatest QD, however near two of it are.
+        assert np.all(np.diff(x) >= 0.2)
+
+
 def test_same_seed_same_trace_other_seed_other_trace(name):
     first, second, other = (run(Optimizer(space_of(3), name, quick(), seed), smooth) for seed in (5, 5, 6))
     assert np.array_equal(first, second)

@@ -264,6 +264,52 @@ def test_a_second_writer_is_told_who_holds_the_archive(tmp_path: Path) -> None:
     fill(path)  # free again
 
 
+def test_a_refused_second_writer_leaves_the_locks_of_the_first(tmp_path: Path) -> None:
+    path = tmp_path / "archive.db"
+    fill(path)
+    with SolutionArchive(path, "bottle"):
+        with pytest.raises(ArchiveError, match="in use"):
+            SolutionArchive(path, "bottle")
+        # Another program could otherwise take the write-ahead log away from under the first one.
+        other = child("import sqlite3, sys; sqlite3.connect(sys.argv[1], timeout=0).execute(sys.argv[2])",
+                      str(path), "PRAGMA journal_mode = DELETE")  # fmt: skip
+        assert "database is locked" in other.communicate(timeout=60)[1]
+
+
+def test_on_a_disk_without_any_space_an_archive_is_opened_and_closed_or_refused(tmp_path: Path) -> None:
+    path = tmp_path / "archive.db"
+    fill(path)
+    code = """
+    import resource, sys
+    from mebo_grasp.errors import ArchiveError
+    from mebo_grasp.solutions.archive import SolutionArchive
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
+    try:
+        SolutionArchive(sys.argv[1], "bottle")
+    except ArchiveError as error:
+        print(error)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    with SolutionArchive(sys.argv[1], "bottle") as archive:
+        print(len(archive))
+    """
+    output, errors = child(code, str(path)).communicate(timeout=120)
+    assert errors == ""
+    message, count = output.splitlines()
+    assert "free space on the disk" in message
+    assert count == "50"
+
+
+@pytest.mark.parametrize("change", ["quality = 'good'", "hand_volume = 5"])
+def test_values_of_a_wrong_kind_give_an_error(tmp_path: Path, change: str) -> None:
+    path = tmp_path / "archive.db"
+    fill(path)
+    with contextlib.closing(sqlite3.connect(path)) as connection:
+        connection.execute(f"UPDATE trial SET {change} WHERE quality > 0")
+        connection.commit()
+    with pytest.raises(ArchiveError, match="the file is damaged"):
+        SolutionArchive(path, "bottle")
+
+
 def test_folders_and_missing_folders_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ArchiveError, match="is a folder"):
         SolutionArchive(tmp_path, "bottle")

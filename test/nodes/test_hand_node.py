@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
 from mebo_grasp_interfaces.msg import GraspQuality
+from visualization_msgs.msg import MarkerArray
 
 from mebo_grasp.grasp import Pose
 from mebo_grasp.grasping.hand_model import HandModel
@@ -107,6 +108,17 @@ def test_a_candidate_without_a_stamp_is_given_one(launch, probe: Probe, middle: 
     first, second = (message.header.stamp for message in qualities.wait_for_count(2))
     assert first.sec > 0
     assert (second.sec, second.nanosec) > (first.sec, first.nanosec)
+
+
+def test_without_a_rate_no_markers_are_published(launch, probe: Probe, middle: Pose) -> None:
+    qualities = probe.listen(GraspQuality, "grasp_quality", qos.QUALITIES)
+    shown = probe.listen(MarkerArray, "hand_markers", qos.LATCHED)
+    launch("hand_node", object=OBJECT, marker_rate=0.0)
+    candidates = probe.publisher(PoseStamped, "candidate_pose", qos.CANDIDATES)
+    for stamp in range(1, 11):
+        candidates.publish(to_pose_stamped_msg(stamp, OBJECT, middle))
+    assert qualities.wait_for_count(10)[0].hand_posture.name
+    assert shown.messages == []
 
 
 def test_an_inexact_hand_answers_with_the_commanded_pose_and_what_repeating_gives(

@@ -51,20 +51,6 @@ def test_an_answer_that_comes_late_or_twice_counts_once(launch, probe: Probe, st
     assert math.isclose(final.best_quality, max(answer(c).quality for c in hand.candidates.messages), rel_tol=1e-12)
 
 
-def test_a_run_whose_log_tells_of_every_trial_is_finished_without_a_hand(
-    launch, probe: Probe, status, tmp_path: Path
-) -> None:
-    PlayedHand(probe)
-    parameters = {"budget": 3, "initial_points": 3, "object": OBJECT, "run_log": str(tmp_path / "run.jsonl")}
-    first = launch("optimizer_node", **parameters)
-    status.wait_for(finished)
-    first.stop()
-    before = len(status.messages)
-    launch("optimizer_node", **parameters)
-    again = status.wait_for(finished, after=before)
-    assert (again.evaluations, again.budget) == (3, 3)
-
-
 def test_the_robot_of_the_documents_is_a_hand(launch, probe: Probe, status, tmp_path: Path) -> None:
     text = (Path(__file__).parents[2] / "docs" / "hands.md").read_text(encoding="utf-8")
     script = tmp_path / "my_robot.py"
@@ -226,6 +212,37 @@ def test_reset_sets_the_log_aside(launch, probe: Probe, status, tmp_path: Path) 
     probe.call(Trigger, "/optimizer_node/reset", Trigger.Request())
     (aside,) = [path for path in tmp_path.iterdir() if path.name.startswith("run.jsonl.")]
     assert aside.read_text() == before
+
+
+def test_a_run_that_was_finished_is_finished_when_it_is_resumed(launch, probe: Probe, status, tmp_path: Path) -> None:
+    PlayedHand(probe)
+    parameters = {"budget": 6, "initial_points": 6, "object": OBJECT, "run_log": str(tmp_path / "run.jsonl")}
+    node = launch("optimizer_node", **parameters)
+    status.wait_for(finished)
+    node.stop()
+    seen = len(status.messages)
+    launch("optimizer_node", **parameters)
+    assert status.wait_for(finished, after=seen).evaluations == 6
+
+
+def test_a_reset_that_a_full_disk_refuses_is_made_up_for_by_the_next_start(
+    launch, probe: Probe, status, tmp_path: Path
+) -> None:
+    PlayedHand(probe)
+    log = tmp_path / "run.jsonl"
+    node = launch("optimizer_node", budget=6, initial_points=6, object=OBJECT, run_log=str(log))
+    status.wait_for(finished)
+    resource.prlimit(node.process.pid, resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
+    for order in ("reset", "start"):
+        refused = probe.call(Trigger, f"/optimizer_node/{order}", Trigger.Request())
+        assert not refused.success
+        assert "cannot write to the run log" in refused.message
+    resource.prlimit(node.process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    seen = len(status.messages)
+    assert probe.call(Trigger, "/optimizer_node/start", Trigger.Request()).success
+    status.wait_for(lambda s: s.state == ExplorationStatus.EXPLORING, after=seen)
+    status.wait_for(finished, after=seen)
+    assert log.read_text().count('"tell"') == 6
 
 
 def test_explores_while_simulated_time_stands_still(launch, probe: Probe, status) -> None:

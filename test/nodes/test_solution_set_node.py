@@ -280,9 +280,14 @@ def test_bad_requests_get_a_code_and_the_node_goes_on(filled: Desk) -> None:
         assert (reply.error_code, list(reply.grasps)) == (reply.INVALID_REQUEST, [])
         assert reply.message
     bad_numbers = ({"min_quality": math.nan}, {"min_quality": -1.0}, {"min_diversity": math.inf}, {"rule": 9})
-    for fields in (*bad_numbers, {"ranking": 9}, {"quantile": 0.7}):
+    for fields in (*bad_numbers, {"ranking": 9}, {"quantile": 0.7}, {"max_grasps": 10_001}):
         reply = filled.ask(**fields)
         assert reply.error_code == reply.INVALID_REQUEST
+    for fields in ({"size": 2**32 - 1}, {"min_diversity": -0.1}, {"min_diversity": math.nan}):
+        request = GetSolutionSet.Request(**fields)
+        reply = filled.probe.call(GetSolutionSet, "get_solution_set", request)
+        assert (reply.error_code, list(reply.solution_set.grasps)) == (reply.INVALID_REQUEST, [])
+        assert next(iter(fields)) in reply.message
     assert filled.ask().grasps[0].quality == 0.5
 
 

@@ -59,7 +59,10 @@ publisher = node.create_publisher(TFMessage, "/tf_static", qos.TF_STATIC)
 transform = TransformStamped(child_frame_id="camera")
 transform.header.frame_id = "bottle"
 transform.transform.translation.z = 0.5
-publisher.publish(TFMessage(transforms=[transform]))
+broken = TransformStamped(child_frame_id="nowhere")
+broken.header.frame_id = "bottle"
+broken.transform.rotation.w = 0.0
+publisher.publish(TFMessage(transforms=[broken, transform]))
 rclpy.spin(node)
 """
 
@@ -123,6 +126,7 @@ def test_occlusions_wait_for_their_frame(
     )
     try:
         best.wait_for(lambda m: m.pose.position.z == 0.08)
+        assert "transform from 'bottle' to 'nowhere'" in node.log
     finally:
         broadcaster.kill()
         broadcaster.wait(WAIT)

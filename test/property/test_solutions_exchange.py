@@ -2,6 +2,8 @@
 
 import contextlib
 import csv
+import json
+import math
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
@@ -21,6 +23,7 @@ from mebo_grasp.solutions.exchange import (
     import_trials,
     read_csv,
     read_jsonl,
+    to_record,
     write_csv,
     write_jsonl,
 )
@@ -101,6 +104,31 @@ def test_the_line_that_is_wrong_is_named_and_nothing_is_stored(tmp_path: Path) -
             import_trials(archive, lambda: read_jsonl(path))
         path.write_text(good % (1, 0.5), encoding="utf-8")
         assert import_trials(archive, lambda: read_jsonl(path)) == 1
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("stamp_ns", -1),
+        ("stamp_ns", 2**31 * 10**9),
+        ("noise_samples", 2**32),
+        ("noise_samples", 10**400),
+        ("epsilon", math.inf),
+        ("message", "\ud800"),
+        ("hand", "\ud800"),
+    ],
+)
+def test_what_no_archive_or_message_can_hold_is_refused_before_anything_is_stored(
+    field: str, value: object, tmp_path: Path
+) -> None:
+    path = tmp_path / "grasps.jsonl"
+    known = QualityUnderNoise(0.4, 0.1, 0.2, 5)
+    record = to_record(StampedGrasp(2, Grasp(Pose.identity(), GraspOutcome.GRASPED, 0.5, under_noise=known)))
+    path.write_text("\n".join(json.dumps(line) for line in (record, record | {"stamp_ns": 3, field: value})))
+    with SolutionArchive(":memory:", OBJECT) as archive:
+        with pytest.raises(InvalidFileError, match="line 2"):
+            import_trials(archive, lambda: read_jsonl(path))
+        assert len(archive) == 0
 
 
 def test_files_of_before_quality_under_noise_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

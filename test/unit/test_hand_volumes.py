@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+import yaml
 
+from mebo_grasp.errors import InvalidHandError
 from mebo_grasp.grasp import Grasp, GraspOutcome, HandPosture, Pose
-from mebo_grasp.grasping.hand_model import HAND_NAMES, HandModel
+from mebo_grasp.grasping.hand_model import HAND_NAMES, HANDS_FOLDER, HandModel
 from mebo_grasp.grasping.rendering import shape_mesh
 from mebo_grasp.grasping.urdf import LinkShape
 from mebo_grasp.hand_volumes import STRIP, HandVolumes, VolumeOfHand, capsules_of
@@ -88,3 +92,12 @@ def test_an_unknown_hand_is_told_once_and_the_first_stands_in() -> None:
         found = volumes(grasp_of("claw", HandPosture(("pincer",), (math.pi,))))
         np.testing.assert_allclose(found.ends, VolumeOfHand(left)(left.preshape).ends)
     assert told == ["claw"]
+
+
+def test_a_hand_too_large_for_a_volume_is_refused_at_once(tmp_path: Path) -> None:
+    text = (HANDS_FOLDER / "icub_left.urdf").read_text()
+    (tmp_path / "icub_left.urdf").write_text(re.sub(r'size="[^"]*"', 'size="1.4 0.02 0.02"', text, count=2))
+    data = yaml.safe_load((HANDS_FOLDER / "icub_left.yaml").read_text())
+    (tmp_path / "long.yaml").write_text(yaml.safe_dump(data | {"name": "long"}))
+    with pytest.raises(InvalidHandError, match=r"'long' has no volume: .* within 0\.655 m of the TCP, got one at 0\.7"):
+        HandVolumes([HandModel.load(tmp_path / "long.yaml")])

@@ -19,7 +19,7 @@ GROUND = (
     "mebo_grasp.quality_diversity",
 )  # fmt: skip
 OPTIMIZATION = "mebo_grasp.optimization"
-LEAVES = tuple(f"{OPTIMIZATION}.{name}" for name in ("search_space", "initial_design", "observations"))
+LEAVES = tuple(f"{OPTIMIZATION}.{name}" for name in ("search_space", "initial_design", "observations", "blas_threads"))
 INPUT_NOISE = f"{OPTIMIZATION}.input_noise"
 
 # Libraries that only some rooms may touch, by the first part of the imported name.

@@ -16,7 +16,7 @@ from mebo_grasp.experiments.problems import (
 from mebo_grasp.experiments.problems.metrics import STRICT_ACCURACIES
 from mebo_grasp.experiments.published import thesis
 from mebo_grasp.experiments.reports.batch_variance import batch_variance_table
-from mebo_grasp.experiments.reports.table import NONE, Table, number, spread
+from mebo_grasp.experiments.reports.table import NONE, Table, number, plus_minus
 from mebo_grasp.experiments.reports.thesis_standing import thesis_standing_table
 from mebo_grasp.experiments.runs.acquisition_study import STUDY_NAMES
 from mebo_grasp.experiments.runs.protocol import VARIANTS
@@ -33,9 +33,9 @@ def _measured_cells(results: Sequence[Result]) -> list[str]:
         return [NONE] * 5
     s = summary_of(results)
     return [
-        spread(s.peak_ratio, s.peak_ratio_sd),
+        plus_minus(s.peak_ratio, s.peak_ratio_sd),
         number(s.success_rate, 2),
-        spread(s.speed_text, s.speed_text_sd),
+        plus_minus(s.speed_text, s.speed_text_sd),
         number(s.speed_code),
         number(s.mean_optimum, 4),
     ]
@@ -101,7 +101,7 @@ def _mean_share(results: Sequence[Result], field: str, accuracy: float) -> str:
     if not results:
         return NONE
     shares = np.array([r[field][f"{accuracy:g}"] / r["n_optima"] for r in results])
-    return spread(float(np.mean(shares)), float(np.std(shares, ddof=1)) if len(shares) > 1 else 0.0)
+    return plus_minus(float(np.mean(shares)), float(np.std(shares, ddof=1)) if len(shares) > 1 else 0.0)
 
 
 def strict_table(results: ResultSet, problems: Sequence[str]) -> Table | None:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from mebo_grasp.experiments.definition import Definition
+from mebo_grasp.experiments.objectives.cec2013 import Cec2013
 from mebo_grasp.experiments.objectives.grasp import GraspObjective
 from mebo_grasp.experiments.reports.cec2013_plots import plot_found_optima
 from mebo_grasp.experiments.reports.grasp_sets import ShownSet, draw_sets, extreme_sets, viewer_data
@@ -91,9 +92,10 @@ def _plots(definition: Definition, runs: Sequence[Run], out: Path) -> list[Path]
             path = out / f"{stem}{'-' if group else ''}{re.sub('[^a-z0-9_]+', '-', group.lower())}.png"
             draw([run for run in drawn if run.job.objective.group == group], group, path)
             plots.append(path)
-    if "optima" in definition.metrics:
+    with_optima = [run.result for run in runs if isinstance(run.job.objective, Cec2013)]
+    if "optima" in definition.metrics and with_optima:
         path = out / "found_optima.png"
-        plot_found_optima([run.result for run in runs], path)
+        plot_found_optima(with_optima, path)
         plots.append(path)
     return plots
 

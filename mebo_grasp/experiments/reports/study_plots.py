@@ -154,7 +154,7 @@ def _draw(axes: Any, runs: Sequence[Run], methods: Sequence[str]) -> None:
             continue
         mean, sd = mean_curves(picked)
         _draw_band(axes, np.arange(1.0, len(mean) + 1), mean, sd, method, number)
-        lowest.append(mean[min(picked[0].job.n_initial, len(mean)) - 1])
+        lowest.append(mean[min(max(picked[0].job.n_initial, 1), len(mean)) - 1])
     if lowest and np.all(np.isfinite(lowest)):
         # What the initial design finds is the same for all; the scale belongs to what comes after.
         axes.set_ylim(bottom=0.9 * min(lowest) if min(lowest) > 0.0 else None)

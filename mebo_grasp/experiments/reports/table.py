@@ -57,6 +57,6 @@ def number(value: float, digits: int = 3) -> str:
     return NONE if np.isnan(value) else f"{value:.{digits}f}"
 
 
-def spread(value: float, sd: float) -> str:
+def plus_minus(value: float, sd: float) -> str:
     """A mean with its standard deviation."""
     return f"{number(value)} ± {number(sd, 2)}"

@@ -68,7 +68,16 @@ class PeerTask:
         return np.asarray((X - self.lower) / (self.upper - self.lower))
 
     def initial_design(self) -> FloatArray:
-        """The design that our own methods begin a run of this seed with, unit cube, shape (n_initial, d)."""
+        """The design that our own methods begin a run of this seed with, unit cube, shape (n_initial, d).
+
+        Raises:
+            InvalidSettingsError: there is no point of it.
+        """
+        if self.n_initial < 1:
+            raise InvalidSettingsError(
+                f"this peer needs an initial design of at least 1 point, got {self.n_initial}; choose a larger one or "
+                "leave the peer out"
+            )
         return latin_hypercube(self.n_initial, self.dim, np.random.default_rng(self.seed))
 
 

@@ -10,6 +10,7 @@ from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.experiments.runs.acquisition_study import STUDY_NAMES
 from mebo_grasp.experiments.runs.job import Job
 from mebo_grasp.experiments.runs.peers import PEER_NAMES
+from mebo_grasp.experiments.runs.run_costs import slow_peers
 from mebo_grasp.optimization.methods.base import DEFAULT_METHOD, LEARNING_NAMES, MCMC, MethodSettings
 from mebo_grasp.optimization.methods.registry import METHOD_NAMES
 
@@ -89,16 +90,12 @@ def known_methods() -> tuple[str, ...]:
     return (*METHOD_NAMES, *variants, *STUDY_NAMES, *PEER_NAMES)
 
 
-def select_methods(
-    names: Iterable[str], default: str, installed_peers: Sequence[str], slow_peers: Sequence[str] = ()
-) -> list[str]:
+def select_methods(names: Iterable[str], installed_peers: Sequence[str]) -> list[str]:
     """Expand method names, ``default``, ``all``, ``peers``, ``surrogates`` and ``safe``, without repeats.
 
     Args:
         names: what was asked for.
-        default: the method that ``default`` stands for.
-        installed_peers: peers that can run here; ``peers`` takes these.
-        slow_peers: of these, those that ``all`` leaves out.
+        installed_peers: peers that can run here; ``peers`` takes these, ``all`` only the quick ones of them.
 
     Raises:
         InvalidSettingsError: a name is unknown.
@@ -106,11 +103,12 @@ def select_methods(
     special = {g: tuple(n for n, variant in VARIANTS.items() if variant.group == g) for g in GROUPS}
     apart = {name for names in special.values() for name in names}
     ours = tuple(name for name in known_methods() if name not in apart and name not in PEER_NAMES)
+    slow = slow_peers(installed_peers)
     groups = {
-        "all": (*ours, *(peer for peer in installed_peers if peer not in slow_peers)),
+        "all": (*ours, *(peer for peer in installed_peers if peer not in slow)),
         "peers": tuple(installed_peers),
         **special,
-        "default": (default,),
+        "default": (DEFAULT_METHOD,),
     }
     chosen: dict[str, None] = {}
     for name in names:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
@@ -30,7 +30,7 @@ from mebo_grasp.experiments.runs.recommendation import RecommendationJudge
 from mebo_grasp.experiments.runs.run_trace import read_trace
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.methods.base import MethodSettings
-from mebo_grasp.optimization.optimizer import INITIAL_PHASE, Optimizer
+from mebo_grasp.optimization.optimizer import INITIAL_PHASE, Optimizer, Trial
 from mebo_grasp.optimization.run_log import LoggedOptimizer, RunLog
 from mebo_grasp.optimization.search_space import SearchSpace
 
@@ -102,41 +102,58 @@ def _is_empty_log(path: Path) -> bool:
     return path.exists() and b"\n" not in path.read_bytes()
 
 
+class _CpuClock:
+    """CPU time spent in ``with`` blocks, seconds."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        self._begin = 0.0
+
+    def __enter__(self) -> None:
+        self._begin = time.process_time()
+
+    def __exit__(self, *_: object) -> None:
+        self.seconds += time.process_time() - self._begin
+
+
 def _run_method(job: Job, evaluator: Evaluator, path: Path, stop: StopCheck) -> tuple[float, bool, FloatArray]:
     if _is_empty_log(path):
         path.unlink()
-    resumed = path.exists()
-    cpu = 0.0
+    resumed, clock = path.exists(), _CpuClock()
     method, settings = settings_of(job)
     judged = read_trace(path).recommended if resumed else ()
-    if resumed:
-        optimizer = LoggedOptimizer.resume(path)
-        _check_same_run(optimizer.optimizer, settings, evaluator.space, path)
-    else:
-        begin = time.process_time()
-        optimizer = LoggedOptimizer.create(path, evaluator.space, method, settings, rng=job.seed)
-        cpu += time.process_time() - begin
+    with clock:
+        optimizer = (
+            LoggedOptimizer.resume(path)
+            if resumed
+            else LoggedOptimizer.create(path, evaluator.space, method, settings, rng=job.seed)
+        )
     try:
+        if resumed:
+            _check_same_run(optimizer.optimizer, settings, evaluator.space, path)
         judge = RecommendationJudge(evaluator, optimizer, judged)
         while not optimizer.finished:
             if stop():
                 raise RunStopped
-            begin = time.process_time()
-            trials = list(optimizer.pending) or optimizer.ask()
-            cpu += time.process_time() - begin
+            with clock:
+                trials = list(optimizer.pending) or optimizer.ask()
             values = evaluator(np.array([trial.x for trial in trials]))
-            begin = time.process_time()
-            for trial, value in zip(trials, values, strict=True):
-                if math.isnan(value):
-                    optimizer.tell_failed(trial.id, "no value")
-                else:
-                    optimizer.tell(trial.id, float(value))
-            cpu += time.process_time() - begin
-            cpu += judge.note()
+            with clock:
+                _tell(optimizer, trials, values)
+            clock.seconds += judge.note()
         solutions = np.array([item.x for item in optimizer.solution_set()]).reshape(-1, evaluator.space.dim)
     finally:
         optimizer.close()
-    return cpu, resumed, solutions
+    return clock.seconds, resumed, solutions
+
+
+def _tell(optimizer: LoggedOptimizer, trials: Sequence[Trial], values: FloatArray) -> None:
+    """Tell the values of trials, shape (number of trials,); NaN is a failure."""
+    for trial, value in zip(trials, values, strict=True):
+        if math.isnan(value):
+            optimizer.tell_failed(trial.id, "no value")
+        else:
+            optimizer.tell(trial.id, float(value))
 
 
 def _check_same_run(optimizer: Optimizer, settings: MethodSettings, space: SearchSpace, path: Path) -> None:
@@ -167,31 +184,29 @@ def _run_peer(job: Job, evaluator: Evaluator, path: Path, stop: StopCheck) -> tu
     if resumed:
         logged = read_trace(path)
         X, y = logged.X.reshape(-1, X.shape[1]), logged.y
-    begin = time.process_time()
-    peer = _make_peer(job, evaluator)
-    cpu = time.process_time() - begin
+    clock = _CpuClock()
+    with clock:
+        peer = _make_peer(job, evaluator)
     log = RunLog.append(path) if resumed else RunLog.create(path, _peer_header(job, evaluator.space))
     try:
         n = 0
         while n < job.budget:
             if stop():
                 raise RunStopped
-            begin = time.process_time()
-            batch = peer.ask(job.budget - n)
-            cpu += time.process_time() - begin
+            with clock:
+                batch = peer.ask(job.budget - n)
             phase = INITIAL_PHASE if n < job.n_initial else "peer"
             known = slice(n, n + len(batch))
             values = _answer_peer(evaluator, batch, (X[known], y[known]), n, phase, log)
-            begin = time.process_time()
-            peer.tell(batch, values)
-            cpu += time.process_time() - begin
+            with clock:
+                peer.tell(batch, values)
             n += len(batch)
             if len(y) < n:
                 fresh = slice(len(y) - n, None)
                 X, y = np.concatenate([X, batch[fresh]]), np.concatenate([y, values[fresh]])
     finally:
         log.close()
-    return cpu, resumed, _peer_solutions(job.objective.wanted_set(job.seed), evaluator.space, X, y)
+    return clock.seconds, resumed, _peer_solutions(job.objective.wanted_set(job.seed), evaluator.space, X, y)
 
 
 def _peer_header(job: Job, space: SearchSpace) -> dict[str, Any]:

@@ -27,14 +27,15 @@ def read_trace(path: Path) -> Trace:
     header, *records = RunLog.load(path)
     points: dict[int, list[float]] = {}
     values: dict[int, float] = {}
-    batches: list[list[int]] = []
+    batches: dict[int, list[int]] = {}
     recommended: list[Recommendation | None] = []
     first_split = None
     for record in records:
         if record["kind"] == "ask":
             points |= {trial["id"]: trial["x"] for trial in record["trials"]}
             batch = [trial["id"] for trial in record["trials"] if trial["phase"] != INITIAL_PHASE]
-            batches += [batch] if batch else []
+            # By its first trial: a peer killed before it answered any of a batch notes the same one again.
+            batches |= {batch[0]: batch} if batch else {}
             first_split = first_split or _size_when_split(record)
         elif record["kind"] == "tell":
             values[record["id"]] = record["value"]
@@ -48,7 +49,7 @@ def read_trace(path: Path) -> Trace:
     return Trace(
         np.array([points[i] for i in ids], dtype=np.float64).reshape(len(ids), dim),
         np.array([values[i] for i in ids], dtype=np.float64),
-        batches,
+        list(batches.values()),
         np.empty((0, dim)),
         tuple(item for item in recommended if item is not None),
         names,

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy import stats
 
+from mebo_grasp.optimization.initial_design import rng_argument
+
 LEVEL = 0.05
 _RESAMPLES = 9999
 
@@ -32,8 +34,17 @@ def paired_p(a: Mapping[int, float], b: Mapping[int, float]) -> float:
     differences = differences[differences != 0.0]
     if len(differences) < 2:
         return 1.0
-    method = stats.PermutationMethod(n_resamples=_RESAMPLES, rng=np.random.default_rng(0))
-    return float(stats.wilcoxon(differences, method=method).pvalue)
+    # scipy.stats.wilcoxon itself goes through the signs from release 1.13 on only.
+    ranks = stats.rankdata(np.abs(differences))
+    found = stats.permutation_test(
+        (differences,),
+        lambda d, axis: np.sum((d > 0.0) * ranks, axis=axis),
+        permutation_type="samples",
+        n_resamples=_RESAMPLES,
+        axis=-1,
+        **rng_argument(stats.permutation_test, np.random.default_rng(0)),
+    )
+    return float(found.pvalue)
 
 
 def holm(p_values: Sequence[float]) -> list[float]:

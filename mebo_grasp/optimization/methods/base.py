@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
-from math import isfinite
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -100,42 +100,55 @@ class MethodSettings:
     improvement_margin: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("batch_size", "budget", "burn_in", "chains", "relearn_period"):
-            if getattr(self, name) < 1:
-                raise InvalidSettingsError(f"{name} must be at least 1, got {getattr(self, name)}")
-        if not 0 <= self.n_initial <= self.budget:
+        for name in ("batch_size", "budget", "burn_in", "chains", "relearn_period", "particles"):
+            self._check_whole(name, 1)
+        self._check_whole("n_initial", 0)
+        if self.n_initial > self.budget:
             raise InvalidSettingsError(
                 f"n_initial must lie between 0 and the budget {self.budget}, got {self.n_initial}"
             )
-        for name in ("ucb_beta", "boltzmann_beta"):
-            if not 0.0 <= getattr(self, name) < float("inf"):
+        for name in ("ucb_beta", "boltzmann_beta", "improvement_margin"):
+            if not 0.0 <= getattr(self, name) < math.inf:
                 raise InvalidSettingsError(f"{name} must be finite and at least 0, got {getattr(self, name)}")
-        if not 0.0 < self.cluster_share <= 1.0:
-            raise InvalidSettingsError(f"cluster_share must lie above 0 and up to 1, got {self.cluster_share}")
-        if self.num_solutions is not None and self.num_solutions < 1:
-            raise InvalidSettingsError(f"num_solutions must be at least 1 or unset, got {self.num_solutions}")
         self._check_solutions()
-        self._check_surrogate()
+        self._check_kernel()
         self._check_tree()
 
-    def _check_surrogate(self) -> None:
+    def _check_whole(self, name: str, least: int) -> None:
+        """Refuse all but a whole number; a numpy integer becomes a plain one, which JSON knows."""
+        value = getattr(self, name)
+        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+            raise InvalidSettingsError(f"{name} must be a whole number of at least {least}, got {value!r}")
+        object.__setattr__(self, name, int(value))
+
+    def _check_solutions(self) -> None:
+        if self.num_solutions is not None:
+            self._check_whole("num_solutions", 1)
+        if not 0.0 < self.cluster_share <= 1.0:
+            raise InvalidSettingsError(f"cluster_share must lie above 0 and up to 1, got {self.cluster_share}")
+        if self.threshold is not None and not math.isfinite(self.threshold):
+            raise InvalidSettingsError(f"threshold must be finite or unset, got {self.threshold}")
+        if self.min_distance is not None and not 0.0 < self.min_distance < math.inf:
+            raise InvalidSettingsError(f"min_distance must be finite and above 0 or unset, got {self.min_distance}")
+
+    def _check_kernel(self) -> None:
         choices = (("kernel", KERNEL_NAMES), ("warp", WARP_NAMES), ("learning", LEARNING_NAMES))
         for name, known in choices:
             if getattr(self, name) not in known:
                 raise InvalidSettingsError(f"{name} must be one of {', '.join(known)}, got {getattr(self, name)!r}")
-        if self.kernel == EVIDENCE and (self.warp, self.learning) != (WARP_NAMES[0], LEARNING_NAMES[0]):
-            raise InvalidSettingsError(
-                f"kernel {EVIDENCE} chooses the warp itself and learns by {LEARNING_NAMES[0]}, got warp "
-                f"{self.warp!r} and learning {self.learning!r}: leave these at their defaults or name a kernel"
-            )
-        if self.noise_variance is None:
-            return
-        if not LEAST_NOISE <= self.noise_variance <= MOST_NOISE:
+        if self.noise_variance is not None and not LEAST_NOISE <= self.noise_variance <= MOST_NOISE:
             raise InvalidSettingsError(
                 f"noise_variance must lie between {LEAST_NOISE:g} and {MOST_NOISE:g}, or be unset to learn it, got "
                 f"{self.noise_variance}"
             )
-        if self.kernel == EVIDENCE:
+        if self.kernel != EVIDENCE:
+            return
+        if (self.warp, self.learning) != (WARP_NAMES[0], LEARNING_NAMES[0]):
+            raise InvalidSettingsError(
+                f"kernel {EVIDENCE} chooses the warp itself and learns by {LEARNING_NAMES[0]}, got warp "
+                f"{self.warp!r} and learning {self.learning!r}: leave these at their defaults or name a kernel"
+            )
+        if self.noise_variance is not None:
             raise InvalidSettingsError(
                 f"kernel {EVIDENCE} learns the noise itself: leave noise_variance unset or name a kernel"
             )
@@ -147,24 +160,11 @@ class MethodSettings:
             raise InvalidSettingsError(
                 f"surrogate {TREED_GP} needs a kernel of its own, got {EVIDENCE}: name another kernel"
             )
-        if self.min_leaf < 2 or self.particles < 1:
-            raise InvalidSettingsError(
-                f"need min_leaf >= 2 and particles >= 1, got {self.min_leaf} and {self.particles}"
-            )
-        if not 0.0 <= self.improvement_margin < float("inf"):
-            raise InvalidSettingsError(
-                f"improvement_margin must be finite and at least 0, got {self.improvement_margin}"
-            )
-        if self.tree_weight_power is not None and not 0.0 <= self.tree_weight_power < float("inf"):
+        self._check_whole("min_leaf", 2)
+        if self.tree_weight_power is not None and not 0.0 <= self.tree_weight_power < math.inf:
             raise InvalidSettingsError(
                 f"tree_weight_power must be at least 0, or unset for infinity, got {self.tree_weight_power}"
             )
-
-    def _check_solutions(self) -> None:
-        if self.threshold is not None and not isfinite(self.threshold):
-            raise InvalidSettingsError(f"threshold must be finite or unset, got {self.threshold}")
-        if self.min_distance is not None and not 0.0 < self.min_distance < float("inf"):
-            raise InvalidSettingsError(f"min_distance must be finite and above 0 or unset, got {self.min_distance}")
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Self:
@@ -248,3 +248,15 @@ def state_int(state: dict[str, Any], key: str) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or value < 0:
         raise RunLogError(f"the method's state needs an integer {key} >= 0, got {value!r}")
     return value
+
+
+def state_part(state: dict[str, Any], key: str) -> dict[str, Any]:
+    """Return the state of a part of a method.
+
+    Raises:
+        RunLogError: it is absent or no record.
+    """
+    part = state.get(key)
+    if not isinstance(part, dict):
+        raise RunLogError(f"the method's state needs a record {key}, got {part!r}")
+    return part

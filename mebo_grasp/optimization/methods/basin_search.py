@@ -21,10 +21,9 @@ from typing import Any
 import numpy as np
 from scipy.special import logsumexp
 
-from mebo_grasp.errors import RunLogError
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.initial_design import best_candidate
-from mebo_grasp.optimization.methods.base import IndexArray, MethodSettings, state_int
+from mebo_grasp.optimization.methods.base import IndexArray, MethodSettings, state_int, state_part
 from mebo_grasp.optimization.methods.common import (
     DEFAULT_NUM_SOLUTIONS,
     MethodBase,
@@ -74,9 +73,8 @@ class BasinSearch(MethodBase):
         if shows_too_little(observations.y):
             return without_repeats(self._look_around(observations, count, rng), observations, rng)
         beliefs = self.surrogate.update(observations.U, observations.y, rng)
-        assumed = np.concatenate([observations.failed, observations.pending])
-        if len(assumed):
-            beliefs = beliefs.condition_on(assumed)
+        if len(observations.without_value):
+            beliefs = beliefs.condition_on(observations.without_value)
         if beliefs.best.chance is not None:
             points = self._search_locally(beliefs.best, observations, count, rng)
         else:
@@ -173,10 +171,7 @@ class BasinSearch(MethodBase):
         super().restore(state)
         self._refinements = state_int(state, "refinements")
         self._proposed = state_int(state, "proposed")
-        surrogate = state.get("surrogate")
-        if not isinstance(surrogate, dict):
-            raise RunLogError(f"the method's state needs the surrogate's, got {surrogate!r}")
-        self.surrogate.restore(surrogate)
+        self.surrogate.restore(state_part(state, "surrogate"))
 
 
 def most_promising(beliefs: Beliefs, views: list[View], incumbents: list[FloatArray]) -> FloatArray:

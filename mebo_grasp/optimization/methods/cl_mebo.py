@@ -58,8 +58,8 @@ class ClMebo(EMebo):
     ) -> FloatArray:
         """Cluster batch sampling, or explorative sampling when too few clusters are found (thesis 5.3.1)."""
         wanted = self.settings.num_solutions or DEFAULT_NUM_SOLUTIONS
-        scale, distance = self.metric()
-        clusters = find_clusters(observations.U, observations.y, wanted, scale, distance, rng)
+        sides, distance = self.metric()
+        clusters = find_clusters(observations.U, observations.y, wanted, sides, distance, rng)
         if len(clusters) < ceil(self.settings.cluster_share * wanted):
             return self.explorative(posterior, observations, count, rng)
         self._phase = "clusters"
@@ -106,9 +106,9 @@ class ClMebo(EMebo):
         wanted = size or self.settings.num_solutions or DEFAULT_NUM_SOLUTIONS
         if wanted < 2 or observations.n < wanted:
             return super().solution_set(observations, wanted, min_distance)
-        scale, distance = self.metric(min_distance)
+        sides, distance = self.metric(min_distance)
         # A fixed seed: the answer depends on the observations alone, however often it is asked for.
         rng = np.random.default_rng(0)
         ranking = self.ranking(observations)
-        clusters = find_clusters(observations.U, ranking, wanted, scale, distance, rng, merge=False, lowest_decile=0)
-        return best_combination(observations.U * scale, ranking, [cluster.members for cluster in clusters], distance)
+        clusters = find_clusters(observations.U, ranking, wanted, sides, distance, rng, merge=False, lowest_decile=0)
+        return best_combination(observations.U * sides, ranking, [cluster.members for cluster in clusters], distance)

@@ -9,13 +9,18 @@ from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.initial_design import sobol
 from mebo_grasp.optimization.methods.surrogate_method import SurrogateMethod
 from mebo_grasp.optimization.observations import Observations
-from mebo_grasp.optimization.selection.coverage import ball_offsets, expected_coverage_improvement
+from mebo_grasp.optimization.selection.coverage import ball_offsets, ball_reach, expected_coverage_improvement
 from mebo_grasp.optimization.surrogate.posterior import Posterior
 
 DEFAULT_QUANTILE = 0.9
 """Without a threshold in the settings, good means at least this quantile of the values so far."""
 
-N_POOL, N_CANDIDATES, N_OFFSETS, N_REFINED = 1024, 48, 64, 24
+N_POOL, N_CANDIDATES, N_REFINED = 1024, 48, 24
+"""Points that are ranked, those of them whose coverage is computed, and points about the best in each refinement."""
+N_OFFSETS = 64
+"""Points of a ball by which its coverage is estimated."""
+REFINEMENTS = (0.3, 0.1)
+"""Standard deviations of the points about the best one, radii of a ball."""
 
 
 class ConstraintActiveSearch(SurrogateMethod):
@@ -33,11 +38,11 @@ class ConstraintActiveSearch(SurrogateMethod):
         threshold = self.settings.threshold
         if threshold is None:
             threshold = float(np.quantile(observations.y, DEFAULT_QUANTILE))
-        scale, radius = self.metric()
+        sides, radius = self.metric()
         tried = observations.taken
         points = np.empty((0, posterior.dim))
         for _ in range(count):
-            point = self._best(posterior, np.concatenate([tried, points]), threshold, scale, radius, rng)
+            point = self._best(posterior, np.concatenate([tried, points]), threshold, sides, radius, rng)
             points = np.concatenate([points, point[None]])
         return points
 
@@ -46,26 +51,26 @@ class ConstraintActiveSearch(SurrogateMethod):
         posterior: Posterior,
         tried: FloatArray,
         threshold: float,
-        scale: FloatArray,
+        sides: FloatArray,
         radius: float,
         rng: np.random.Generator,
     ) -> FloatArray:
         """Rank a pool by the chance of being good and uncovered, then the best by ECI, then around them."""
-        dim = posterior.dim
+        dim, reach = posterior.dim, ball_reach(radius, sides)
         # Half of the pool lies about one radius from tried points, where the border of what is covered runs.
         around = tried[rng.integers(0, len(tried), N_POOL // 2)]
-        steps = ball_offsets(N_POOL // 2, dim, rng) * (2.0 * radius / scale)
+        steps = ball_offsets(N_POOL // 2, dim, rng) * (2.0 * reach)
         pool = np.concatenate([sobol(N_POOL // 2, dim, rng), np.clip(around + steps, 0.0, 1.0)])
         mean, sd = posterior.predict(pool)
-        gaps = np.min(np.linalg.norm((pool[:, None] - tried[None]) * scale, axis=2), axis=1)
+        gaps = np.min(np.linalg.norm((pool[:, None] - tried[None]) * sides, axis=2), axis=1)
         chance = ndtr((mean - threshold) / sd) * np.minimum(gaps / radius, 1.0)
         candidates = pool[np.argsort(-chance, kind="stable")[:N_CANDIDATES]]
         offsets = ball_offsets(N_OFFSETS, dim, rng)
-        for sd_step in (0.3, 0.1):
-            worth = expected_coverage_improvement(posterior, candidates, offsets, tried, threshold, scale, radius)
+        for width in REFINEMENTS:
+            worth = expected_coverage_improvement(posterior, candidates, offsets, tried, threshold, sides, radius)
             best = candidates[int(np.argmax(worth))]
-            moves = sd_step * (radius / scale) * rng.standard_normal((N_REFINED, dim))
+            moves = width * reach * rng.standard_normal((N_REFINED, dim))
             candidates = np.concatenate([best[None], np.clip(best + moves, 0.0, 1.0)])
-        worth = expected_coverage_improvement(posterior, candidates, offsets, tried, threshold, scale, radius)
+        worth = expected_coverage_improvement(posterior, candidates, offsets, tried, threshold, sides, radius)
         chosen: FloatArray = candidates[int(np.argmax(worth))]
         return chosen

@@ -22,7 +22,7 @@ SEARCH = MaximizerSettings(direct_evaluations=0, net_evaluations=512, refinement
 
 
 class LocalPenalization(SurrogateMethod):
-    """UCB, made positive by softplus, times the penalties of the points pending or chosen before."""
+    """UCB, made positive by softplus, times the penalties of the points that are open, failed or chosen before."""
 
     name = "local_penalization"
 
@@ -32,8 +32,8 @@ class LocalPenalization(SurrogateMethod):
         """Maximize the penalized acquisition ``count`` times, shape (count, d)."""
         lipschitz = lipschitz_constant(posterior, rng)
         penalizer = LocalPenalizer(posterior, float(np.max(observations.y)), lipschitz)
-        if len(observations.pending):
-            penalizer.add(observations.pending)
+        if len(observations.without_value):
+            penalizer.add(observations.without_value)
         bound = OnPosterior(UpperConfidenceBound(self.settings.ucb_beta), posterior)
         worth = penalized(bound, penalizer, posterior.centre, posterior.scale)
         lower, upper = np.zeros(posterior.dim), np.ones(posterior.dim)

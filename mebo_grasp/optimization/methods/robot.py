@@ -69,8 +69,8 @@ class Robot(SurrogateMethod):
         return points
 
     def _centre_indices(self, observations: Observations) -> IndexArray:
-        scale, distance = self.metric()
-        return greedy_diverse_set(observations.U * scale, observations.y, self._n_regions, distance)
+        sides, distance = self.metric()
+        return greedy_diverse_set(observations.U * sides, observations.y, self._n_regions, distance)
 
     def _digest(self, observations: Observations) -> None:
         """Let the regions grow or shrink by the results that came in since the last batch."""
@@ -101,8 +101,8 @@ class Robot(SurrogateMethod):
         """Thompson sample in one region, subject to the distance from the centres before it, shape (d,)."""
         lower, upper = self._regions[rank].box(centres[rank], posterior.lengthscales)
         candidates = candidates_in_box(lower, upper, centres[rank], rng)
-        scale, distance = self.metric()
-        gaps = np.linalg.norm((candidates[:, None] - centres[None, :rank]) * scale, axis=2)
+        sides, distance = self.metric()
+        gaps = np.linalg.norm((candidates[:, None] - centres[None, :rank]) * sides, axis=2)
         feasible = np.all(gaps >= distance, axis=1)
         values = posterior.sample_path(rng, N_FEATURES)(candidates)
         if np.any(feasible):

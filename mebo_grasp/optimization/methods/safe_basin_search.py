@@ -63,7 +63,7 @@ class SafeBasinSearch(BasinSearch):
             belief = self.surrogate.update(observations.U, observations.y, rng).best
             self._phase = "safe"
         assert self.transform is not None
-        assumed = np.concatenate([observations.failed, observations.pending, points])
+        assumed = np.concatenate([observations.without_value, points])
         belief = belief.condition_on(assumed) if len(assumed) else belief
         for _ in range(n_safe):
             point = pick_safe(belief, self.transform, rng)

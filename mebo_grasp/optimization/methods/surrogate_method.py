@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from mebo_grasp.errors import RunLogError
 from mebo_grasp.grasp import FloatArray
-from mebo_grasp.optimization.methods.base import MethodSettings
+from mebo_grasp.optimization.methods.base import MethodSettings, state_part
 from mebo_grasp.optimization.methods.common import MethodBase, check_count, without_repeats
 from mebo_grasp.optimization.methods.surrogate_choice import make_surrogate
 from mebo_grasp.optimization.observations import Observations
@@ -61,10 +60,7 @@ class SurrogateMethod(MethodBase, ABC):
     def restore(self, state: dict[str, Any]) -> None:
         """Continue from ``state``."""
         super().restore(state)
-        surrogate = state.get("surrogate")
-        if not isinstance(surrogate, dict):
-            raise RunLogError(f"the method's state needs the surrogate's, got {surrogate!r}")
-        self.surrogate.restore(surrogate)
+        self.surrogate.restore(state_part(state, "surrogate"))
 
 
 def around_incumbent(observations: Observations, rng: np.random.Generator) -> FloatArray:

@@ -12,6 +12,7 @@ from scipy.special import log_ndtr
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.acquisition.improvement import (
     LogExpectedImprovement,
+    LogProbabilityOfImprovement,
     log_normalized_improvement,
 )
 from mebo_grasp.optimization.initial_design import sobol
@@ -238,20 +239,20 @@ def refine(
         box: corners of the box to stay in, shape (d,) each; None for the cube.
     """
     improvement = LogExpectedImprovement(own)
+    reach = None if top is None else LogProbabilityOfImprovement(top)
 
     def objective(u: FloatArray) -> tuple[float, FloatArray]:
         mean, sd, d_mean, d_sd = belief.predict_with_gradients(u[None])
         by_mean, by_sd = improvement.partials(mean, sd)
         value = improvement.value(mean, sd)
-        if top is not None:
-            t = (mean - top) / sd
-            value = value + log_ndtr(t)
-            mills = np.exp(-0.5 * t * t - 0.5 * np.log(2.0 * np.pi) - log_ndtr(t)) / sd
-            by_mean, by_sd = by_mean + mills, by_sd - t * mills
+        if reach is not None:
+            value = value + reach.value(mean, sd)
+            reach_by_mean, reach_by_sd = reach.partials(mean, sd)
+            by_mean, by_sd = by_mean + reach_by_mean, by_sd + reach_by_sd
         gradient = by_mean[:, None] * d_mean + by_sd[:, None] * d_sd
         log_chance, d_log_chance = belief.log_chances_with_gradients(u[None])
         # Twice: the trial may fail on the plateau, and then its basin does not reach the top either.
-        times = 1.0 if top is None else 2.0
+        times = 1.0 if reach is None else 2.0
         return -float(value[0] + times * log_chance[0]), -(gradient[0] + times * d_log_chance[0])
 
     lower, upper = box if box is not None else (np.zeros(len(start)), np.ones(len(start)))

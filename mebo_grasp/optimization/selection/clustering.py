@@ -171,7 +171,7 @@ def _useful_splits(
     return sorted(splits, key=lambda split: split[:2])
 
 
-def merge_close(clusters: list[Cluster], scale: FloatArray, min_distance: float) -> list[Cluster]:
+def merge_close(clusters: list[Cluster], sides: FloatArray, min_distance: float) -> list[Cluster]:
     """Cluster correction (appendix C): merge clusters whose centroids are closer than ``min_distance``.
 
     Each cluster has a group: itself and all closer than the distance. A cluster alone in its group stays.
@@ -181,24 +181,24 @@ def merge_close(clusters: list[Cluster], scale: FloatArray, min_distance: float)
 
     Args:
         clusters: as found.
-        scale: real-unit length of each side of the unit cube, shape (d,); ones to measure in the cube.
-        min_distance: smallest distance at which two count as different, in the units of ``scale``.
+        sides: lengths of the cube's sides in which distances count, shape (d,).
+        min_distance: smallest distance at which two count as different, in the unit of ``sides``.
 
     Returns:
         Clusters whose number tells how many different regions there are.
     """
     if len(clusters) < 2:
         return list(clusters)
-    centroids = np.stack([cluster.centroid for cluster in clusters]) * scale
+    centroids = np.stack([cluster.centroid for cluster in clusters]) * sides
     close = np.linalg.norm(centroids[:, None] - centroids[None], axis=2) < min_distance
     np.fill_diagonal(close, True)
     valid = [cluster for i, cluster in enumerate(clusters) if close[i].sum() == 1]
     merged = np.zeros(len(clusters), dtype=bool)
     # Largest groups first, so that a cluster shared by several goes with the largest.
     for i in np.argsort(-close.sum(axis=1), kind="stable"):
-        group = np.flatnonzero(close[i] & ~merged)
         if close[i].sum() == 1 or merged[i]:
             continue
+        group = np.flatnonzero(close[i] & ~merged)
         merged[group] = True
         valid.append(
             Cluster(
@@ -213,7 +213,7 @@ def find_clusters(
     U: FloatArray,
     y: FloatArray,
     count: int,
-    scale: FloatArray,
+    sides: FloatArray,
     min_distance: float,
     rng: np.random.Generator,
     merge: bool = True,
@@ -225,7 +225,7 @@ def find_clusters(
         U: observed points, shape (n, d), unit cube.
         y: their values, shape (n,).
         count: regions wanted, M.
-        scale: see ``merge_close``.
+        sides: see ``merge_close``.
         min_distance: see ``merge_close``.
         rng: source of randomness.
         merge: return merged clusters; otherwise the same decile's clusters as x-means left them.
@@ -249,7 +249,7 @@ def find_clusters(
             for i in range(count)
             if np.any(labels == i)
         ]
-        corrected = merge_close(found, scale, min_distance)
+        corrected = merge_close(found, sides, min_distance)
         if len(corrected) > best_size:
             best, best_size = (corrected if merge else found), len(corrected)
         if best_size == count:

@@ -21,13 +21,23 @@ def ball_offsets(count: int, dim: int, rng: np.random.Generator) -> FloatArray:
     return offsets
 
 
+def ball_reach(radius: float, sides: FloatArray) -> FloatArray:
+    """How far a ball reaches along each side of the cube, shape (d,): all the way where a side counts nothing.
+
+    Args:
+        radius: of the ball.
+        sides: lengths of the cube's sides in which distances count, shape (d,).
+    """
+    return np.divide(radius, sides, out=np.ones_like(sides), where=sides > 0.0)
+
+
 def expected_coverage_improvement(
     posterior: Posterior,
     candidates: FloatArray,
     offsets: FloatArray,
     tried: FloatArray,
     threshold: float,
-    scale: FloatArray,
+    sides: FloatArray,
     radius: float,
 ) -> FloatArray:
     """Expected share of each candidate's ball that is good, inside the cube and not covered yet.
@@ -38,17 +48,17 @@ def expected_coverage_improvement(
         offsets: points of the unit ball, shape (s, d); the integral is their mean.
         tried: points tried or being tried, shape (k, d).
         threshold: least good value, units of y.
-        scale: length of each side of the cube in the metric of ``radius``, shape (d,).
+        sides: lengths of the cube's sides in which distances count, shape (d,).
         radius: of the balls.
 
     Returns:
         Shape (m,), each in [0, 1].
     """
-    places = candidates[:, None, :] + offsets[None] * (radius / scale)
+    places = candidates[:, None, :] + offsets[None] * ball_reach(radius, sides)
     flat = places.reshape(-1, candidates.shape[1])
     open_places = np.all((flat >= 0.0) & (flat <= 1.0), axis=1)
     for point in tried:
-        open_places &= np.linalg.norm((flat - point) * scale, axis=1) >= radius
+        open_places &= np.linalg.norm((flat - point) * sides, axis=1) >= radius
     worth = np.zeros(len(flat))
     if np.any(open_places):
         mean, sd = posterior.predict(flat[open_places])

@@ -198,10 +198,6 @@ class PlateauSurrogate:
         self._above = StructuredSurrogate(dim, relearn_period, structures=(Structure(MATERN52),))
         self._labels = EmpiricalBayesSurrogate(dim, relearn_period, noise=label_noise_prior())
 
-    def structure(self, y: FloatArray) -> StructuredSurrogate:
-        """The part that models values y, shape (n,): all of them, or those off the plateau."""
-        return self._whole if _off_plateau(y) is None else self._above
-
     def belief(self, U: FloatArray, y: FloatArray) -> Belief:
         """What the most probable member believes, without learning anything."""
         off = _off_plateau(y)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from scipy.optimize import minimize
 
 from mebo_grasp.errors import InvalidSettingsError
@@ -88,8 +89,8 @@ def log_posterior(vector: FloatArray, U: FloatArray, z: FloatArray, kernel: Kern
     return posterior.log_marginal_likelihood() + prior.log_density_and_gradient(vector)[0]
 
 
-def subset(z: FloatArray, max_points: int, rng: np.random.Generator) -> FloatArray:
-    """Boolean mask of the points used for learning, shape (n,)."""
+def subset(z: FloatArray, max_points: int, rng: np.random.Generator) -> npt.NDArray[np.bool_]:
+    """Mask of the points used for learning, shape (n,)."""
     mask = np.ones(len(z), dtype=bool)
     if len(z) <= max_points:
         return mask

@@ -1,8 +1,8 @@
 """Covariance functions with automatic relevance determination and their analytic gradients.
 
 Notation: U, shape (n, d), and A, shape (m, d), are points in the unit cube. ``theta`` is a kernel's
-parameter vector, all entries logarithms, so every real vector is valid. For an ARD kernel it is
-(log l_1, …, log l_d, log s²) with lengthscales l and signal variance s².
+parameter vector; its entries are logarithms, but for the places and angles of a map of the inputs, so that every real
+vector is valid. For an ARD kernel it is (log l_1, …, log l_d, log s²) with lengthscales l and signal variance s².
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ class LogNormalPrior:
     """Independent normal priors on log parameters, with the box in which they are sought.
 
     Args:
-        mean: shape (p,). sd: shape (p,). lower, upper: shape (p,), bounds on the logarithms.
+        mean: of the logarithms, shape (p,).
+        sd: of the logarithms, shape (p,).
+        lower, upper: bounds on the logarithms, shape (p,) each.
     """
 
     mean: FloatArray

@@ -61,6 +61,13 @@ class Node:
                 for path in part.paths():
                     yield (*path, self)
 
+    def leaf_at(self, u: FloatArray) -> Node:
+        """The leaf that a point, shape (d,), lies in."""
+        node = self
+        while node.left is not None and node.right is not None:
+            node = node.right if u[node.axis] > node.threshold else node.left
+        return node
+
     def leaf_numbers(self, A: FloatArray) -> IndexArray:
         """Number of the leaf, in the order of ``leaves``, that each of the points A, shape (m, d), lies in."""
         numbers = np.empty(len(A), dtype=np.int64)

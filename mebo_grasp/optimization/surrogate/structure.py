@@ -64,7 +64,7 @@ class StructureSettings:
         contention: members whose posterior density is this many nats behind the best are out of it.
 
     Raises:
-        InvalidSettingsError: growth is not above 1, contention negative or another number below 1.
+        InvalidSettingsError: growth is not above 1, contention is negative, or another number is below 1.
     """
 
     growth: float = 1.25
@@ -77,9 +77,12 @@ class StructureSettings:
     contention: float = 15.0
 
     def __post_init__(self) -> None:
-        others = (self.max_points_family, self.max_points, self.scout_iterations, self.climb_iterations)
-        if not (self.growth > 1.0 and self.contention >= 0.0) or min(*others, self.refresh_iterations) < 1:
-            raise InvalidSettingsError(f"need growth above 1 and all other numbers at least 1, got {self}")
+        points = (self.max_points_family, self.max_points_thorough, self.max_points)
+        iterations = (self.scout_iterations, self.climb_iterations, self.refresh_iterations)
+        if not (self.growth > 1.0 and self.contention >= 0.0) or min(*points, *iterations) < 1:
+            raise InvalidSettingsError(
+                f"need growth above 1, contention at least 0 and all other numbers at least 1, got {self}"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,11 +123,6 @@ class Mixture:
     def best(self) -> GaussianProcess:
         """The most probable one."""
         return self.posteriors[0]
-
-    def condition_on(self, A: FloatArray) -> Mixture:
-        """Each with its own mean assumed at A, shape (m, d), for trials whose values are not known."""
-        assumed = [posterior.condition_on(A, posterior.predict_mean(A)) for posterior in self.posteriors]
-        return Mixture(tuple(assumed), self.shares)
 
 
 class StructuredSurrogate:

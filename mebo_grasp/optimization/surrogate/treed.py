@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -50,6 +51,10 @@ class TreedProcess:
         """Standard deviation of the observed values."""
         return self.leaves[0].scale
 
+    @cached_property
+    def _of_leaf(self) -> dict[Node, LeafPosterior]:
+        return dict(zip(self.tree.leaves(), self.leaves, strict=True))
+
     def _shares(self) -> FloatArray:
         """Share of the cube's volume that each leaf has, shape (number of leaves,)."""
         return np.array([np.prod(leaf.upper - leaf.lower) for leaf in self.tree.leaves()])
@@ -70,6 +75,9 @@ class TreedProcess:
         """Evaluate each point of A, shape (m, d), in its leaf and put the parts together in the order of A."""
         if len(self.leaves) == 1:
             return evaluate(self.leaves[0], A)
+        if len(A) == 1:
+            # Searches for a summit ask point by point, and sorting into leaves would cost as much as the answer.
+            return evaluate(self._of_leaf[self.tree.leaf_at(A[0])], A)
         numbers = self.tree.leaf_numbers(A)
         parts: list[FloatArray] = []
         for number in np.unique(numbers) if len(A) else (0,):

@@ -19,7 +19,7 @@ from mebo_grasp.optimization.surrogate.slice_sampling import SamplingSettings, s
 from mebo_grasp.optimization.surrogate.treed import LeafPosterior, TreedProcess
 from mebo_grasp.optimization.surrogate.weighted_likelihood import Part, WeightedPosterior
 
-MOST_AROUND = 100
+MOST_AROUND = 50
 """Observations of a node above a leaf that count in the leaf's hyperparameters: the nearest ones to it. They
 only guide what few own observations leave open, and the cost grows with the cube of their number."""
 

@@ -51,3 +51,9 @@ def test_runs_on_file_are_not_repeated(tmp_path, capsys, monkeypatch):
     assert bench_grasps.main([*arguments, "2"]) == 0
     assert explored == [1]
     assert "2 seeds" in capsys.readouterr().out.splitlines()[-1]
+
+
+def test_no_seed_is_refused(capsys):
+    with pytest.raises(SystemExit, match="2"):
+        bench_grasps.main(["--seeds", "0"])
+    assert "--seeds must be at least 1" in capsys.readouterr().err

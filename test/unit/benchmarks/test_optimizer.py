@@ -39,3 +39,18 @@ def test_a_line_names_cost_and_memory(capsys: pytest.CaptureFixture[str]) -> Non
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("random")]
     assert [int(line.split("n =")[1].split()[0]) for line in lines] == [5, 9]
     assert all(line.endswith("MB") for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--rounds", "0"], "--rounds, --batch and --repetitions must be at least 1"),
+        (["--sizes", "250", "0"], "must be at least 1"),
+        (["--set", "safe"], "'safe' must be KEY=VALUE"),
+        (["--set", "colour=red"], "'colour=red' must be KEY=VALUE"),
+    ],
+)
+def test_bad_options_are_told(words: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        bench_optimizer.main(["--methods", "random", *words])
+    assert told in capsys.readouterr().err

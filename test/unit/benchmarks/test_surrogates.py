@@ -21,6 +21,7 @@ def test_each_surrogate_learns_a_cliff():
     assert max(errors.values()) < 0.5 * float(np.std(y[80:]))
 
 
-def test_numbers_out_of_range_are_refused(capsys):
-    assert main(["--seeds", "0"]) == 2
-    assert "--seeds >= 1" in capsys.readouterr().err
+@pytest.mark.parametrize(("words", "told"), [(["--seeds", "0"], "--seeds >= 1"), (["--object", "cloud"], "cloud")])
+def test_what_cannot_be_compared_is_told(words, told, capsys):
+    assert main(words) == 2
+    assert told in capsys.readouterr().err

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from mebo_grasp.cli.explore import sole_user
+from mebo_grasp.cli.explore import _delete_run, name_from_anywhere, sole_user
 from mebo_grasp.cli.main import main
 from mebo_grasp.cli.stopping import STOP_SIGNALS, stop_at_signals
 
@@ -33,6 +33,27 @@ def test_a_second_exploration_in_a_folder_is_refused_and_deletes_nothing(
         assert main(["explore", "--out", str(tmp_path), "--restart"]) == 2
     assert "another exploration runs in" in capsys.readouterr().err
     assert (tmp_path / "trials.db").read_text() == "of the first"
+
+
+def test_a_file_that_would_block_is_not_taken_for_a_second_exploration(tmp_path: Path) -> None:
+    with pytest.raises(BlockingIOError, match="a pipe"), sole_user(tmp_path):
+        raise BlockingIOError("a pipe")
+
+
+def test_files_are_named_from_anywhere_and_built_in_names_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("bottle", "mine.yaml"):
+        (tmp_path / name).touch()
+    assert name_from_anywhere("bottle", ("bottle", "mug")) == "bottle"
+    assert name_from_anywhere("mine.yaml", ("icub_left",)) == str(tmp_path / "mine.yaml")
+    assert name_from_anywhere("unicorn", ("bottle",)) == "unicorn"
+
+
+def test_restart_deletes_the_page_of_the_run_before_too(tmp_path: Path) -> None:
+    for name in ("trials.db", "run.jsonl", "grasps.png", "grasps.html", "hand_node.log", "notes.txt"):
+        (tmp_path / name).touch()
+    _delete_run(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
 @pytest.mark.parametrize("number", STOP_SIGNALS)

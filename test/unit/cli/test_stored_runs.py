@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -180,6 +181,28 @@ def test_import_twice_adds_nothing_and_a_broken_file_changes_nothing(
     assert "line 31" in capsys.readouterr().err
     with SolutionArchive(other / "trials.db", "bottle") as archive:
         assert len(archive) == 0
+
+
+def test_a_name_with_a_dot_is_found_by_every_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of `cup.v2.stl`, the object `cup.v2`."""
+    folder, name = tmp_path / "run", "cup.v2"
+    folder.mkdir()
+    with SolutionArchive(folder / "trials.db", name) as archive:
+        archive.add(StampedGrasp(1, replace(trials(1)[0].grasp, object_id=name)))
+    for chosen in ([], ["--object", name], ["--object", "meshes/cup.v2.stl"]):
+        assert main(["best", str(folder), *chosen]) == 0
+    for suffix in ("csv", "mcap"):
+        file = tmp_path / f"all.{suffix}"
+        assert main(["export", str(folder), str(file)]) == 0
+        assert main(["import", str(file), str(tmp_path / suffix), "--object", name]) == 0
+        assert "1 new trials of 'cup.v2'" in capsys.readouterr().out
+
+
+def test_a_full_disk_is_told_in_one_line(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    full = run_folder / "full.png"
+    full.symlink_to("/dev/full")
+    assert main(["show", str(run_folder), "--rule", "tcp", "--picture", str(full)]) == 1
+    assert capsys.readouterr().err == "mebo-grasp show: No space left on device\n"
 
 
 def test_show_writes_picture_and_page_of_what_the_filters_leave(

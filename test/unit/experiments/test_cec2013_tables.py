@@ -22,6 +22,7 @@ from mebo_grasp.experiments.runs.peers import PEER_NAMES, PeerTask, installed_pe
 from mebo_grasp.experiments.runs.protocol import known_methods, select_methods, settings_of
 from mebo_grasp.experiments.runs.run_job import run_job
 from mebo_grasp.experiments.runs.run_trace import read_trace
+from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD
 
 
 def _result(method: str, problem: str, seed: int, found: int, n_optima: int, first: float) -> dict[str, Any]:
@@ -211,15 +212,15 @@ def test_told_distance_beyond_the_thesis_is_half_the_smallest_gap() -> None:
 
 
 def test_method_groups() -> None:
-    assert select_methods(["default", "mebo", "random"], "mebo", ()) == ["mebo", "random"]
-    surrogates = set(select_methods(["surrogates"], "mebo", ()))
+    assert select_methods(["default", "mebo", DEFAULT_METHOD], ()) == [DEFAULT_METHOD, "mebo"]
+    surrogates = set(select_methods(["surrogates"], ()))
     assert {"mebo_evidence", "mebo_additive", "mebo_mcmc"} <= surrogates
-    everything = select_methods(["all"], "mebo", ["cma_bipop", "skopt"], slow_peers=["skopt"])
-    apart = surrogates | set(select_methods(["safe"], "mebo", ()))
+    everything = select_methods(["all"], ["cma_bipop", "skopt"])
+    apart = surrogates | set(select_methods(["safe"], ()))
     assert set(everything) == set(known_methods()) - set(PEER_NAMES) - apart | {"cma_bipop"}
-    assert "skopt" in select_methods(["all", "peers"], "mebo", ["cma_bipop", "skopt"], slow_peers=["skopt"])
+    assert "skopt" in select_methods(["all", "peers"], ["cma_bipop", "skopt"])
     with pytest.raises(InvalidSettingsError, match="method must be one of"):
-        select_methods(["simulated_annealing"], "mebo", ())
+        select_methods(["simulated_annealing"], ())
 
 
 def test_keys_tell_protocols_and_transforms_apart() -> None:
@@ -251,6 +252,12 @@ def test_a_peer_without_a_design_of_its_own_begins_with_ours(tmp_path: Path) -> 
     problem = HIMMELBLAU.make(4)
     task = PeerTask(problem.lower, problem.upper, 20, 3, 4)
     np.testing.assert_allclose(task.to_box(task.initial_design()), X)
+
+
+def test_a_peer_without_a_design_of_its_own_refuses_none() -> None:
+    """BoTorch's would ask for no point for ever, and CMA-ES has nowhere to start."""
+    with pytest.raises(InvalidSettingsError, match="at least 1 point, got 0"):
+        PeerTask(np.zeros(2), np.ones(2), 0, 3, 0).initial_design()
 
 
 @pytest.mark.parametrize("name", PEER_NAMES)
@@ -312,7 +319,10 @@ def test_slow_peers_are_named_with_their_cost_and_left_out_of_all(
         ["--seeds", "0"],
         ["--batch", "0"],
         ["--budget", "10"],
+        ["--budget", "0"],
         ["--initial", "-1", "--budget", "20"],
+        ["--initial", "-1"],
+        ["--initial", "251"],
         ["--methods", "nobody"],
         ["--functions", "nowhere"],
         ["--workers", "0"],

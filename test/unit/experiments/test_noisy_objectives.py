@@ -200,3 +200,14 @@ def test_the_report_has_both_kinds_of_curves(tmp_path: Path) -> None:
     report = write_report(definition, [_run("ubo", 0, [1.0, 4.9])], tmp_path, "command")
     assert [path.name for path in report.pictures] == ["best_values-functions.png", "outcomes-functions.png"]
     assert "*paper UBO*" in report.markdown.read_text()
+
+
+def test_by_default_every_metric_is_asked_for_and_those_that_do_not_apply_are_left_out(tmp_path: Path) -> None:
+    definition = make_definition(
+        "x", {"objective": {"name": "noisy_function", "problem": "rkhs"}, "methods": ["ubo"], "seeds": 1}
+    )
+    report = write_report(definition, [_run("ubo", 0, [1.0, 4.9])], tmp_path, "command")
+    assert [table.title.split(":")[0] for table in report.tables] == [
+        "Best value", "Outcome of the recommended point", "Cost of the optimizer", "Solutions",
+    ]  # fmt: skip
+    assert "found_optima" not in report.markdown.read_text()

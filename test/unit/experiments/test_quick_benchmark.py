@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mebo_grasp.experiments.cec2013_command import default_method
 from mebo_grasp.experiments.objectives.cec2013 import Cec2013
 from mebo_grasp.experiments.problems import THESIS_FUNCTIONS
 from mebo_grasp.experiments.published.thesis import METHODS_1D, METHODS_2D
 from mebo_grasp.experiments.runs.job import make_jobs
 from mebo_grasp.experiments.runs.runner import run_jobs
+from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD
 
 SEEDS = 3
 
 
 @pytest.fixture(scope="module")
 def peak_ratios(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, str], list[float]]:
-    jobs = make_jobs([default_method(), "mebo"], [Cec2013(name) for name in THESIS_FUNCTIONS], range(SEEDS))
+    jobs = make_jobs([DEFAULT_METHOD, "mebo"], [Cec2013(name) for name in THESIS_FUNCTIONS], range(SEEDS))
     out: Path = tmp_path_factory.mktemp("cec2013")
     outcome = run_jobs(jobs, out, workers=min(2, os.cpu_count() or 1), progress=io.StringIO())
     assert not outcome.failures
@@ -43,7 +43,7 @@ def _printed_mebo() -> dict[str, float]:
 @pytest.mark.slow
 @pytest.mark.parametrize("problem", THESIS_FUNCTIONS)
 def test_default_method_finds_every_optimum(problem: str, peak_ratios: dict[tuple[str, str], list[float]]) -> None:
-    assert peak_ratios[(default_method(), problem)] == [1.0] * SEEDS
+    assert peak_ratios[(DEFAULT_METHOD, problem)] == [1.0] * SEEDS
 
 
 @pytest.mark.slow

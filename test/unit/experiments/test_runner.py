@@ -181,6 +181,17 @@ def test_a_peers_cut_log_continues_the_same_way(
     assert 16 - told <= len(counted.points) <= 16 - told + 1
 
 
+def test_a_batch_that_a_killed_peer_noted_twice_is_one(tmp_path: Path, golden_peer: str) -> None:
+    job = Job(golden_peer, HIMMELBLAU, 0, **SMALL)
+    whole = run_job(job, tmp_path)
+    path = job.log_path(tmp_path)
+    lines = path.read_bytes().splitlines(keepends=True)
+    last_ask = max(i for i, line in enumerate(lines) if b'"ask"' in line)
+    path.write_bytes(b"".join(lines[: last_ask + 1]))
+    assert run_job(job, tmp_path)["batch_variance"] == whole["batch_variance"]
+    assert read_trace(path).batches == [[8, 9], [10, 11], [12, 13], [14, 15]]
+
+
 @pytest.mark.parametrize("method", ["mebo", "golden"])
 def test_a_log_of_a_header_alone_continues(tmp_path: Path, golden_peer: str, method: str) -> None:
     del golden_peer

@@ -47,11 +47,19 @@ def test_occluded_best_is_the_best_left_or_0() -> None:
 
 
 @pytest.mark.parametrize(
-    ("radius", "expected"), [(5.0, 0.9), (10.0, 0.5), (30.0, 0.75 / 1.0), (70.0, 0.1), (130.0, 0.0)]
+    ("radius", "y", "expected"),
+    [
+        # Best at 0; a point on the surface of the ball is dropped.
+        (5.0, [1.0, 0.9, 0.5, 0.75, 0.1], 0.9),
+        (10.0, [1.0, 0.9, 0.5, 0.3, 0.1], 0.5),
+        (30.0, [1.0, 0.9, 0.95, 0.75, 0.1], 0.75),
+        (70.0, [1.0, 0.9, 0.95, 0.75, 0.1], 0.1),
+        (130.0, [1.0, 0.9, 0.95, 0.75, 0.1], 0.0),
+        # As a share of the best, wherever that lies.
+        (25.0, [0.2, 0.6, 0.8, 0.4, 0.1], 0.5),
+    ],
 )
-def test_retention_drops_the_ball_about_the_best(radius: float, expected: float) -> None:
-    # Best at 0; a point on the surface of the ball is dropped.
-    y = {5.0: [1, 0.9, 0.5, 0.75, 0.1], 10.0: [1, 0.9, 0.5, 0.3, 0.1]}.get(radius, [1, 0.9, 0.95, 0.75, 0.1])
+def test_retention_drops_the_ball_about_the_best(radius: float, y: list[float], expected: float) -> None:
     assert retention(LINE, np.array(y), radius) == pytest.approx(expected)
 
 

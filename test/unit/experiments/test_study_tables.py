@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from mebo_grasp.experiments.objective import Objective, Trace
 from mebo_grasp.experiments.objectives.cec2013 import Cec2013
 from mebo_grasp.experiments.objectives.grasp import GraspObjective
+from mebo_grasp.experiments.reports import study_plots
 from mebo_grasp.experiments.reports.study_plots import mean_curves
 from mebo_grasp.experiments.reports.study_tables import CSV_HEADER, csv_text, make_tables, solution_table
 from mebo_grasp.experiments.reports.table import Table
@@ -159,3 +161,13 @@ def test_curves_pass_over_what_is_missing() -> None:
     mean, sd = mean_curves([_run("a", 0, [NAN, 1.0, 0.0, 3.0]), _run("a", 1, [1.0, 2.0])])
     np.testing.assert_allclose(mean, [1.0, 1.5, 1.5, 2.5])
     np.testing.assert_allclose(sd, [0.0, 0.5**0.5, 0.5**0.5, 0.5**0.5])
+
+
+@pytest.mark.parametrize(("initial", "lowest"), [(0, 0.2), (1, 0.2), (2, 0.5), (9, 0.8)])
+def test_the_scale_begins_below_what_the_initial_design_found(initial: int, lowest: float) -> None:
+    run = _run("a", 0, [0.2, 0.5, 0.8])
+    run = replace(run, job=replace(run.job, n_initial=initial))
+    figure = Figure()
+    axes = figure.add_subplot()
+    study_plots._draw(axes, [run], ["a"])
+    assert axes.get_ylim()[0] == pytest.approx(0.9 * lowest)

@@ -60,8 +60,10 @@ def test_the_second_time_parts_come_from_the_cache_bit_by_bit(tmp_path: Path, mo
     monkeypatch.setattr(decomposition, "_PROGRAM", "raise SystemExit('asked again')")
     for part, again in zip(first, convex_parts(angle_iron(), "iron", tmp_path), strict=True):
         np.testing.assert_array_equal(part, again)
-    file.write_bytes(b"broken")
-    assert convex_parts(angle_iron(), "iron", tmp_path) == ()
+    whole = file.read_bytes()
+    for broken in (b"broken", whole[: len(whole) // 2]):
+        file.write_bytes(broken)
+        assert convex_parts(angle_iron(), "iron", tmp_path) == ()
 
 
 def test_the_key_changes_with_shape_and_version() -> None:
@@ -109,6 +111,8 @@ def test_without_coacd_the_surface_is_kept_and_the_log_says_so(
 def test_an_unknown_way_is_refused() -> None:
     with pytest.raises(InvalidObjectError, match="surface, parts"):
         TargetObject.from_mesh(angle_iron(), "iron", "hull")  # type: ignore[arg-type]
+    with pytest.raises(InvalidObjectError, match="surface, parts"):
+        TargetObject.load("mug", concave="hull")  # type: ignore[arg-type]
 
 
 @needs_coacd

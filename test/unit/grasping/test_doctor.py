@@ -13,6 +13,7 @@ from mebo_grasp.cli.main import main
 from mebo_grasp.errors import InvalidHandError
 from mebo_grasp.grasping.doctor import Finding, Level, check_hand, check_object, check_together
 from mebo_grasp.grasping.hand_model import HandModel
+from mebo_grasp.grasping.pose_space import finger_reach, position_space
 from mebo_grasp.grasping.simulator import GraspSimulator
 from mebo_grasp.grasping.target_object import TargetObject
 
@@ -88,6 +89,15 @@ def test_a_finger_that_opens_instead_of_closing_is_named(tmp_path: Path) -> None
 
 def test_a_palm_that_faces_elsewhere_than_the_search_spaces_expect_is_named(tmp_path: Path) -> None:
     assert worst(check_hand(gripper(tmp_path)), "frames").level is Level.WARNING
+
+
+def test_a_gripper_of_one_joint_a_finger_has_a_search_space_about_a_box(tmp_path: Path) -> None:
+    """Its fingers are 90 mm long; the spheres that cover them stick out by less than 3 mm."""
+    hand, carton = gripper(tmp_path), TargetObject.from_mesh(trimesh.creation.box((0.1, 0.06, 0.2)), "carton")
+    assert 0.090 < finger_reach(hand) < 0.0931
+    space = position_space(carton, hand)
+    assert space.upper[1] - space.lower[1] == pytest.approx(finger_reach(hand))
+    assert check_together(hand, carton, trials=4)
 
 
 def test_links_that_overlap_in_the_preshape_are_named() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -277,8 +278,13 @@ CHANGES: dict[str, tuple[Callable[[Data], object], str]] = {
         lambda d: d["fingers"]["ring"].update(joints=["l_ring_2", "l_ring_1"]),
         "'l_ring_1' does not follow 'l_ring_2'",
     ),
+    "joints of a finger a word": (
+        lambda d: d["fingers"]["ring"].update(joints="l_ring_1"),
+        "'joints of finger ring'.*list",
+    ),
+    "palm links a word": (lambda d: d.update(palm_links="l_palm"), "'palm_links'.*list.*got 'l_palm'"),
     "finger without joints": (lambda d: d["fingers"]["ring"].update(joints=[]), "ring"),
-    "finger without the key": (lambda d: d["fingers"].update(ring={}), "joints"),
+    "finger without the key": (lambda d: d["fingers"].update(ring={}), "lacks its key 'joints'"),
     "no fingers": (lambda d: d.update(fingers={}), "no finger"),
     "zero speed": (lambda d: d["fingers"]["ring"].update(speeds=[1, 0, 1]), "ring.*non-zero"),
     "too few speeds": (lambda d: d["fingers"]["ring"].update(speeds=[1]), "ring.*one non-zero"),
@@ -323,6 +329,14 @@ def test_files_that_are_no_description_are_refused_by_name(content: bytes, tmp_p
     path = tmp_path / "broken.yaml"
     path.write_bytes(content)
     with pytest.raises(InvalidHandError, match=r"broken\.yaml"):
+        HandModel.load(path)
+
+
+def test_a_hand_without_shapes_to_touch_with_is_refused(tmp_path: Path) -> None:
+    path = changed_hand(tmp_path, lambda data: data.update(name="ghost"))
+    urdf = tmp_path / "icub_left.urdf"
+    urdf.write_text(re.sub(r"<collision>.*?</collision>", "", urdf.read_text(), flags=re.DOTALL))
+    with pytest.raises(InvalidHandError, match=r"'ghost' can touch nothing: .*icub_left\.urdf"):
         HandModel.load(path)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -168,3 +170,26 @@ def test_a_slim_hull_is_hardly_smaller() -> None:
     assert len(hull.vertices) <= icub_meshes.DIRECTIONS
     assert hull.volume > 0.9 * ball.volume
     assert slim_hull(np.asarray(trimesh.creation.box((1.0, 2.0, 3.0)).vertices)).volume == pytest.approx(6.0)
+
+
+def test_nodes_that_start_together_never_see_half_a_mesh_hand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pieces = [f"{k}.stl" for k in range(40)]
+
+    def write(folder: Path, *_: object) -> None:
+        for name in ("icub_left_mesh.yaml", *pieces):
+            (folder / name).write_text(name)
+
+    source = tmp_path / "source"
+    source.mkdir()
+    (source / "full.urdf").touch()
+    monkeypatch.setattr(icub_meshes, "meshes_folder", lambda: source)
+    monkeypatch.setattr(icub_meshes, "_write_hand", write)
+    light, together = HANDS_FOLDER / "icub_left.yaml", threading.Barrier(8)
+
+    def load(_: int) -> set[str]:
+        together.wait()
+        return {path.name for path in mesh_hand_file(light, "left", tmp_path / "cache").parent.iterdir()}
+
+    with ThreadPoolExecutor(8) as pool:
+        assert all(found == {"icub_left_mesh.yaml", *pieces} for found in pool.map(load, range(8)))
+    assert len(list((tmp_path / "cache").iterdir())) == 1

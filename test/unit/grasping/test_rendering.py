@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,8 @@ import pytest
 from PIL import Image
 
 from mebo_grasp.errors import InvalidSettingsError
-from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, Pose
-from mebo_grasp.grasping.hand_model import HandModel
+from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, HandPosture, Pose
+from mebo_grasp.grasping.hand_model import HandModel, shapes_in_grasp
 from mebo_grasp.grasping.rasterizer import look_at, project, render
 from mebo_grasp.grasping.rendering import (
     HAND_COLORS,
@@ -166,3 +167,17 @@ def test_nothing_to_draw_is_said(tmp_path: Path) -> None:
     with pytest.raises(InvalidSettingsError, match="no grasp of 'bottle'"):
         render_grasps(BOTTLE, HAND, [], path)
     assert not path.exists()
+
+
+def test_a_posture_of_another_hand_is_drawn_as_that_hand_or_in_the_preshape() -> None:
+    right = HandModel.load("icub_right")
+    for name, posture, links in (
+        ("icub_right", right.preshape, "r_"),
+        ("unknown here", right.preshape, "l_"),
+        ("unknown here", HandPosture(), "l_"),
+    ):
+        grasp = replace(grasp_at(np.zeros(3)), hand=name, hand_posture=posture)
+        shapes = shapes_in_grasp(HAND, grasp)
+        assert {shape.link[:2] for shape in shapes} == {links}
+        picture = draw_panel("", BOTTLE, HAND, [grasp], [BLUE], ASIDE, PIXELS).image
+        assert pixels_of(BLUE, picture) > 100

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mebo_grasp.errors import InvalidObjectError
-from mebo_grasp.grasping.target_object import BUILTIN_OBJECTS, LARGEST_SIZE, SMALLEST_SIZE, TargetObject
+from mebo_grasp.grasping.target_object import BUILTIN_OBJECTS, LARGEST_SIZE, SMALLEST_SIZE, TargetObject, object_id_of
 
 SIZES = {
     "bottle": (0.06566, 0.06566, 0.1995),
@@ -131,6 +131,21 @@ def test_a_suffix_in_capitals_and_a_name_with_spaces_are_fine(tmp_path: Path) ->
     path = tmp_path / "my carton.STL"
     path.write_bytes(box().export(file_type="stl"))
     assert TargetObject.load(str(path)).object_id == "my carton"
+
+
+@pytest.mark.parametrize(
+    ("given", "name"),
+    [
+        ("bottle", "bottle"),
+        ("meshes/cup.stl", "cup"),
+        ("cup.v2.OBJ", "cup.v2"),
+        ("cup.v2", "cup.v2"),
+        ("", ""),
+    ],
+)
+def test_only_the_suffix_of_a_mesh_file_is_left_out_of_a_name(given: str, name: str) -> None:
+    assert object_id_of(given) == name
+    assert object_id_of(name) == name
 
 
 def test_a_file_of_two_bodies_is_one_object(tmp_path: Path) -> None:

@@ -128,6 +128,8 @@ BROKEN = {
     "absent mesh": (('<box size="0.1 0.02 0.04"/>', '<mesh filename="gone.stl"/>'), r"gone\.stl"),
     "no XML": (("<robot", "robot"), "cannot read"),
     "cut short": (("</robot>", ""), "cannot read"),
+    "encoding of no name": (("<robot", '<?xml version="1.0" encoding="foo"?><robot'), "cannot read.*foo"),
+    "encoding of two bytes": (("<robot", '<?xml version="1.0" encoding="utf-7"?><robot'), "cannot read"),
     "no links": ((ARM, '<robot name="none"/>'), "root"),
 }
 

@@ -42,6 +42,14 @@ def test_a_repeated_half_counts_as_the_newer_one() -> None:
     assert pairs.add_posture(1, 10, 1.1) == ("new", 10)
 
 
+def test_of_candidates_without_a_stamp_a_lost_half_is_not_held_against_the_next() -> None:
+    pairs = make(timeout=1.0)
+    pairs.add_pose(0, "typed", 0.0)
+    assert list(pairs.give_up(1.0)) == [0]
+    assert pairs.add_pose(0, "typed again", 2.0) is None
+    assert pairs.add_posture(0, 10, 2.1) == ("typed again", 10)
+
+
 def test_a_flood_of_halves_gives_up_the_oldest() -> None:
     pairs = make()
     for stamp in range(MOST_WAITING + 3):

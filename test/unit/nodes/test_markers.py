@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from visualization_msgs.msg import Marker
 
-from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, Pose
-from mebo_grasp.grasping.hand_model import HandModel
+from mebo_grasp.grasp import Grasp, GraspContact, GraspOutcome, HandPosture, Pose
+from mebo_grasp.grasping.hand_model import HANDS_FOLDER, HandModel
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.nodes import markers
 from mebo_grasp.solutions.occlusion import Box, Cone, Cylinder, Occlusion, Sphere
@@ -78,3 +81,23 @@ def test_the_object_is_its_mesh() -> None:
     marker = markers.object_markers(target).markers[-1]
     corners = np.array([[point.x, point.y, point.z] for point in marker.points])
     np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)], target.bounds, atol=1e-12)
+
+
+def test_a_hand_of_ones_own_is_drawn_where_it_is_given(tmp_path: Path) -> None:
+    mine = replace(HAND, description=replace(HAND.description, name="mine"))
+    (known, *_) = markers.grasp_markers([grasp(hand="mine")], "bottle", mine).markers[1:]
+    assert known.type != Marker.ARROW
+    (other, *_) = markers.grasp_markers([grasp(hand="another")], "bottle", mine).markers[1:]
+    assert other.type == Marker.ARROW
+    # A name comes from a message: it must not lead to a file.
+    path = tmp_path / "icub_left.yaml"
+    path.write_text((HANDS_FOLDER / "icub_left.yaml").read_text())
+    (tmp_path / "icub_left.urdf").write_text((HANDS_FOLDER / "icub_left.urdf").read_text())
+    (file, *_) = markers.grasp_markers([grasp(hand=str(path))], "bottle").markers[1:]
+    assert file.type == Marker.ARROW
+
+
+def test_a_posture_that_is_not_the_hands_own_leaves_the_others_their_markers() -> None:
+    odd = replace(grasp(), hand_posture=HandPosture(("tail_joint",), (0.1,)))
+    drawn = {marker.ns for marker in markers.grasp_markers([odd, grasp()], "bottle").markers}
+    assert {"hand 1", "hand 2"} <= drawn

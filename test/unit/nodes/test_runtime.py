@@ -3,6 +3,7 @@
 import gc
 import subprocess
 import sys
+import textwrap
 from collections.abc import Iterator
 
 import pytest
@@ -49,6 +50,20 @@ def test_a_node_ends_when_its_exploration_is_killed() -> None:
     # The pipe is closed when the last process that writes to it has ended: the node, which would sleep on.
     rest, _ = parent.communicate(timeout=30)
     assert rest == ""
+
+
+def test_a_signal_that_came_before_such_a_step_keeps_it_from_beginning() -> None:
+    code = """
+    import os, signal
+    from mebo_grasp.nodes.runtime import StopSignal, may_be_broken_off
+    signal.signal(signal.SIGTERM, StopSignal())
+    os.kill(os.getpid(), signal.SIGTERM)
+    print("before", flush=True)
+    with may_be_broken_off():
+        print("minutes of compiling")
+    """
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, check=True)
+    assert done.stdout == "before\n"
 
 
 BUSY = """

@@ -1,9 +1,14 @@
+import json
+from dataclasses import asdict
+from typing import Any
+
 import numpy as np
 import pytest
 
 from mebo_grasp.errors import InvalidSettingsError, TrialStateError
+from mebo_grasp.optimization.methods.random_search import RandomSearch
 from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD, METHOD_NAMES
-from mebo_grasp.optimization.optimizer import INITIAL_PHASE, Optimizer, OptimizerSettings
+from mebo_grasp.optimization.optimizer import INITIAL_PHASE, LARGEST_VALUE, Optimizer, OptimizerSettings
 from mebo_grasp.optimization.search_space import SearchSpace
 
 SPACE = SearchSpace(("x", "y"), np.array([-5.0, 100.0]), np.array([5.0, 300.0]))
@@ -30,6 +35,26 @@ def test_an_explicit_count_crosses_the_end_of_the_initial_design_but_not_of_the_
     assert len(optimizer.ask(10)) == 3
     with pytest.raises(TrialStateError, match="budget of 9"):
         optimizer.ask()
+
+
+def test_an_ask_that_breaks_off_opens_no_trial():
+    class Interrupted(RandomSearch):
+        calls = 0
+
+        def propose(self, *args):
+            self.calls += 1
+            if self.calls == 1:
+                raise KeyboardInterrupt
+            return super().propose(*args)
+
+    settings = OptimizerSettings(budget=9, n_initial=4)
+    optimizer = Optimizer(SPACE, Interrupted(SPACE, settings), settings, 1)
+    optimizer.ask(3)
+    with pytest.raises(KeyboardInterrupt):
+        optimizer.ask(3)
+    assert [trial.id for trial in optimizer.pending] == [0, 1, 2]
+    assert len(optimizer.observations.pending) == 3
+    assert [(trial.id, trial.phase) for trial in optimizer.ask(2)] == [(3, INITIAL_PHASE), (4, "random")]
 
 
 def test_ids_are_unique_and_increasing_and_points_are_read_only_and_in_the_box():
@@ -79,6 +104,18 @@ def test_values_that_are_not_finite_leave_the_trial_open(value):
     optimizer.tell(0, 1.0)
 
 
+@pytest.mark.parametrize("method", ["basin_search", "bo", "mebo"])
+def test_values_may_be_huge_up_to_a_limit(method):
+    optimizer = small(method, budget=9, n_initial=6, burn_in=5)
+    for trial in optimizer.ask(6):
+        optimizer.tell(trial.id, trial.x[0] * LARGEST_VALUE / 5.0)
+    trial = optimizer.ask(1)[0]
+    for value in (1.01 * LARGEST_VALUE, -1e200):
+        with pytest.raises(InvalidSettingsError, match=r"at most 1e\+100 in size.*scale the objective"):
+            optimizer.tell(trial.id, value)
+    assert [t.id for t in optimizer.pending] == [trial.id]
+
+
 def test_results_of_other_optimizers_are_learned_without_costing_budget():
     optimizer = small()
     optimizer.observe([1.0, 200.0], 42.0)
@@ -120,11 +157,21 @@ def test_solution_set_in_real_units():
         ({"num_solutions": 0}, "num_solutions"),
         ({"min_distance": 0.0}, "min_distance"),
         ({"relearn_period": 0}, "relearn_period"),
+        ({"budget": float("nan")}, "budget must be a whole number of at least 1, got nan"),
+        ({"batch_size": 2.5}, "batch_size must be a whole number of at least 1, got 2.5"),
+        ({"num_solutions": True}, "num_solutions must be a whole number"),
+        ({"n_initial": -1}, "n_initial must be a whole number of at least 0, got -1"),
     ],
 )
 def test_settings_are_checked(bad, message):
     with pytest.raises(InvalidSettingsError, match=message):
         OptimizerSettings(**bad)
+
+
+def test_whole_numbers_may_come_from_numpy():
+    counts: dict[str, Any] = {"budget": np.int64(9), "n_initial": np.int32(3)}
+    settings = OptimizerSettings(**counts)
+    assert json.loads(json.dumps(asdict(settings)))["budget"] == 9
 
 
 def test_unknown_method_lists_the_known_ones():

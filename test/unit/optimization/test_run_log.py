@@ -62,6 +62,29 @@ def test_a_log_that_is_being_written_is_not_continued_by_another(tmp_path):
     LoggedOptimizer.resume(path).close()
 
 
+def test_a_log_is_held_before_it_is_read(tmp_path):
+    path = tmp_path / "run.jsonl"
+    run = LoggedOptimizer.create(path, SPACE, "mebo", OptimizerSettings(budget=8, n_initial=8), 3)
+    with path.open("ab") as stream:
+        stream.write(b"{half a line, as another process would see it\n{}\n")
+    with pytest.raises(RunLogError, match="in use by another process"):
+        LoggedOptimizer.resume(path)
+    run.close()
+    for _ in range(2):  # What is refused is not held any longer.
+        with pytest.raises(RunLogError, match="line 2"):
+            LoggedOptimizer.resume(path)
+
+
+@pytest.mark.parametrize("content", ["precious\nthings", '{"kind": "tell"}\n{"torn', ""])
+def test_a_file_that_is_no_run_log_is_left_as_it_is(tmp_path, content):
+    path = tmp_path / "notes.txt"
+    path.write_text(content)
+    for action in (RunLog.append, LoggedOptimizer.resume):
+        with pytest.raises(RunLogError, match="name another file"):
+            action(path)
+    assert path.read_text() == content
+
+
 def test_two_runs_of_one_seed_write_the_same_bytes(tmp_path):
     assert full_run(tmp_path / "a.jsonl") == full_run(tmp_path / "b.jsonl")
 
@@ -105,6 +128,24 @@ def test_failure_reasons_are_kept(tmp_path):
     run.ask()
     run.tell_failed(0, "hand lost")
     assert RunLog.load(path)[-1] == {"kind": "tell_failed", "id": 0, "reason": "hand lost"}
+
+
+@pytest.mark.parametrize(("rng", "seed"), [(7, 7), (np.int64(7), 7), (np.random.default_rng(7), None)])
+def test_the_seed_is_kept_where_there_is_one(tmp_path, rng, seed):
+    path = tmp_path / "run.jsonl"
+    LoggedOptimizer.create(path, SPACE, "random", OptimizerSettings(budget=9, n_initial=3), rng).close()
+    assert RunLog.seed_of(path) == seed
+
+
+@pytest.mark.parametrize("value", [np.nan, object()])
+def test_a_note_that_is_no_json_is_refused_and_leaves_nothing(tmp_path, value):
+    path = tmp_path / "run.jsonl"
+    run = LoggedOptimizer.create(path, SPACE, "random", OptimizerSettings(budget=9, n_initial=3), 3)
+    before = path.read_bytes()
+    with pytest.raises(RunLogError, match="cannot write"):
+        run.note({"what": value})
+    run.close()
+    assert path.read_bytes() == before
 
 
 def test_an_existing_file_is_never_overwritten(tmp_path):

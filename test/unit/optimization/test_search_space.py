@@ -54,7 +54,7 @@ def test_distances_count_by_their_weights():
     np.testing.assert_array_equal(SPACE.weighted_sides, SPACE.upper - SPACE.lower)
 
 
-@pytest.mark.parametrize("weights", [[1.0], [1.0, -0.1], [1.0, np.nan], [0.0, 0.0]])
+@pytest.mark.parametrize("weights", [[1.0], [1.0, -0.1], [1.0, np.nan], [0.0, 0.0], 1.0])
 def test_bad_weights_are_refused(weights):
     with pytest.raises(InvalidSettingsError, match="weight"):
         SearchSpace(("x", "y"), np.zeros(2), np.ones(2), distance_weights=np.array(weights))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -122,6 +123,17 @@ def test_finished_steps_are_not_repeated_and_a_failed_one_is(setup: ModuleType, 
     setup.set_up(env, steps)
     setup.set_up(env, steps)
     assert calls == ["first", "second", "second"]
+
+
+def test_whatever_compiled_code_is_made_of_has_it_compiled_anew(setup: ModuleType) -> None:
+    repository = Path(__file__).parents[3]
+    (step,) = (step for step in setup.STEPS if step.name == "compiled")
+    watched = {file for pattern in step.made_from for file in repository.glob(pattern)}
+    package, mark = repository / "mebo_grasp", re.compile(r"^@(njit|compiled|borrowing)", re.MULTILINE)
+    # What benchmarks compile for themselves need not be there before they run.
+    compiled = {f for f in package.rglob("*.py") if mark.search(f.read_text()) and f.parent.name != "benchmarks"}
+    assert len(compiled) > 20
+    assert compiled | {package / "compiling.py"} <= watched
 
 
 def test_wheels_cmake_files_get_this_interpreters_include_folders(setup: ModuleType, tmp_path: Path) -> None:

@@ -1,3 +1,6 @@
+import json
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -158,6 +161,29 @@ def test_noise_in_every_unit_becomes_a_covariance_in_the_cube():
     # A dimension without noise has a root as well.
     transform = UnscentedTransform.of_noise(InputNoise.of_pose(0.01, 0.0), space)
     assert not transform.shifts[:, 1:].any()
+
+
+def test_a_covariance_of_one_dimension_is_a_variance():
+    line = SearchSpace.unit_cube(1)
+    assert InputNoise.covariance([[0.04]]).in_cube(line) == pytest.approx(np.array([[0.04]]))
+    assert InputNoise((0.04,)).in_cube(line) == pytest.approx(np.array([[0.0016]]))
+    for bad, word in (([[-0.04]], "at least 0"), ([0.04], "shape"), ([[0.1, 0.2]], "shape")):
+        with pytest.raises(InvalidSettingsError, match=word):
+            InputNoise.covariance(bad)
+
+
+def test_a_record_of_noise_is_read_back_and_what_is_wrong_with_another_is_named():
+    noise = InputNoise.of_pose(0.01, 0.1)
+    assert InputNoise.from_json(json.loads(json.dumps(asdict(noise)))) == noise
+    for bad, word in (
+        ({"values": [0.1], "unit": "inch"}, "got 'inch'"),
+        ({"values": ["much"]}, "unreadable"),
+        ({"unit": "cube"}, "unreadable"),
+        ({"values": [0.1], "colour": 3}, "must have values, unit and kappa"),
+        ([0.1], "must have values, unit and kappa"),
+    ):
+        with pytest.raises(InvalidSettingsError, match=word):
+            InputNoise.from_json(bad)
 
 
 @pytest.mark.parametrize(

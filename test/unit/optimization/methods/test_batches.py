@@ -77,6 +77,23 @@ def test_pending_points_keep_greedy_methods_away():
         assert gaps.min() > 0.01, name
 
 
+@pytest.mark.parametrize("name", ["bo", "bo_ucb", "local_penalization"])
+def test_greedy_methods_leave_a_place_where_trials_fail(name):
+    optimizer = Optimizer(SPACE, name, OptimizerSettings(budget=30, n_initial=12, batch_size=1), 0)
+    failed = []
+    while not optimizer.finished:
+        for trial in optimizer.ask():
+            if np.linalg.norm(trial.x - PEAKS[0]) < 0.2:
+                failed.append(trial.x)
+                optimizer.tell_failed(trial.id)
+            else:
+                optimizer.tell(trial.id, two_peaks(trial.x))
+    gaps = np.linalg.norm(np.array(failed)[:, None] - np.array(failed)[None], axis=2) + 9.0 * np.eye(len(failed))
+    assert np.median(gaps.min(axis=1)) > 0.01
+    assert optimizer.incumbent is not None
+    assert np.linalg.norm(optimizer.incumbent.x - PEAKS[1]) < 0.05
+
+
 def test_constraint_active_search_covers_the_good_region_with_points_apart():
     optimizer, batches = run(
         "constraint_active_search",

@@ -2,7 +2,11 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from mebo_grasp.optimization.selection.coverage import ball_offsets, expected_coverage_improvement
+from mebo_grasp.optimization.selection.coverage import (
+    ball_offsets,
+    ball_reach,
+    expected_coverage_improvement,
+)
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
 
 
@@ -32,6 +36,10 @@ def test_places_outside_the_cube_are_worth_nothing():
 
 def test_radius_is_in_real_units():
     assert eci(0.5, [0.45], radius=10.0, scale=100.0) == pytest.approx(0.25, abs=0.03)
+
+
+def test_a_ball_has_the_whole_of_a_side_that_counts_nothing():
+    assert ball_reach(2.0, np.array([4.0, 0.5, 0.0])).tolist() == [0.5, 4.0, 1.0]
 
 
 def test_chance_of_being_good_is_the_posteriors():

@@ -7,7 +7,6 @@ import pytest
 
 from mebo_grasp.errors import RunLogError
 from mebo_grasp.optimization.surrogate.belief import Belief, PlateauSurrogate, shows_too_little
-from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
 
 
 def cliff(U):
@@ -57,9 +56,9 @@ def test_mean_of_the_function_is_the_plateau_s_value_on_the_plateau(belief):
 
 
 def differences(function, A):
-    """Gradient by central differences, shape (m, 2)."""
-    steps = 1e-6 * np.eye(2)
-    return np.stack([(function(A + step) - function(A - step)) / 2e-6 for step in steps], axis=1)
+    """Gradient by central differences, shape (m, 2); with shorter steps rounding would show."""
+    steps = 1e-5 * np.eye(2)
+    return np.stack([(function(A + step) - function(A - step)) / 2e-5 for step in steps], axis=1)
 
 
 def test_gradients_agree_with_differences(belief):
@@ -126,19 +125,6 @@ def test_assumed_points_extend_both_parts(belief):
         assert part.predict(A)[1][0] < before.predict(A)[1][0]
         assert part.predict_mean(A)[0] == pytest.approx(before.predict_mean(A)[0], rel=1e-6)
     np.testing.assert_array_equal(after.U[-1], A[0])
-
-
-def test_appended_points_give_the_posterior_of_a_whole_fit():
-    rng = np.random.default_rng(0)
-    U, A, B = rng.random((30, 2)), rng.random((4, 2)), rng.random((6, 2))
-    before = GaussianProcess.fit(U, np.sin(U.sum(axis=1)))
-    values = np.array([0.3, -0.2, 0.1, 0.0])
-    appended = before.condition_on(A, values)
-    z = np.concatenate([before.z, (values - before.centre) / before.scale])
-    whole = GaussianProcess.of_standardized(np.concatenate([U, A]), z, before.hyperparameters)
-    mean, sd = whole.predict(B)
-    np.testing.assert_allclose(appended.predict(B)[0], mean * before.scale + before.centre, rtol=1e-6)
-    np.testing.assert_allclose(appended.predict(B)[1], sd * before.scale, rtol=1e-5)
 
 
 def test_state_survives_json():

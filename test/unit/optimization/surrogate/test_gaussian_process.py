@@ -91,9 +91,12 @@ def test_conditioning_equals_fitting_on_all_data_at_once():
     grown = gp.condition_on(U[30:], y[30:])
     # Standardization stays that of the first 30, so the reference uses it as well.
     K = MATERN52.matrix(U, U, HYPER.theta) + NOISE * np.eye(40)
-    k = MATERN52.matrix(np.array([[0.5, 0.5, 0.5]]), U, HYPER.theta)
-    expected = gp.centre + gp.scale * (k @ np.linalg.solve(K, (y - gp.centre) / gp.scale))
-    assert grown.predict(np.array([[0.5, 0.5, 0.5]]))[0] == pytest.approx(expected, rel=1e-9)
+    A = np.random.default_rng(6).random((7, 3))
+    k = MATERN52.matrix(A, U, HYPER.theta)
+    mean, sd = grown.predict(A)
+    assert mean == pytest.approx(gp.centre + gp.scale * (k @ np.linalg.solve(K, (y - gp.centre) / gp.scale)), rel=1e-9)
+    explained = np.einsum("ij,ji->i", k, np.linalg.solve(K, k.T))
+    assert sd == pytest.approx(gp.scale * np.sqrt(SIGNAL - explained), rel=1e-6)
 
 
 def test_paths_have_the_posteriors_moments():

@@ -188,7 +188,9 @@ def test_simpler_structures_come_before_those_built_on_them():
     assert len(seen) == len(family(2))
 
 
-@pytest.mark.parametrize("bad", [{"growth": 1.0}, {"contention": -1.0}, {"climb_iterations": 0}])
+@pytest.mark.parametrize(
+    "bad", [{"growth": 1.0}, {"contention": -1.0}, {"climb_iterations": 0}, {"max_points_thorough": 0}]
+)
 def test_settings_out_of_range_are_refused(bad):
     with pytest.raises(InvalidSettingsError):
         StructureSettings(**bad)

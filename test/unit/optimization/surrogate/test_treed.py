@@ -135,6 +135,9 @@ def test_predictions_gradients_and_assumed_values_are_those_of_the_leaves(sampli
     assert np.concatenate([mean, sd]) == pytest.approx(np.concatenate(treed.predict(A)), rel=1e-6)
     assert mean == pytest.approx(treed.predict_mean(A))
     assert d_mean == pytest.approx(treed.mean_gradient(A))
+    single = [treed.predict_with_gradients(A[i : i + 1]) for i in range(len(A))]
+    for many, one_by_one in zip((mean, sd, d_mean, d_sd), zip(*single, strict=True), strict=True):
+        assert many == pytest.approx(np.concatenate(one_by_one), rel=1e-6)
     for i in (0, 5, 11):
         leaf = treed.leaves[numbers[i]]
         assert [mean[i], sd[i]] == pytest.approx(np.ravel(leaf.predict(A[i : i + 1])), rel=1e-6)
