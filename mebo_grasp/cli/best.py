@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 
 from mebo_grasp.cli.filters import add_filter_arguments, explain, metric_of, query_of
 from mebo_grasp.cli.first_use import explained
@@ -32,6 +33,8 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         for stamped in answer.grasps:
             print(json.dumps(to_record(stamped)))
+        if not answer.grasps:
+            print(f"mebo-grasp best: {explain(answer)}", file=sys.stderr)
     else:
         if answer.grasps:
             print(grasp_table(answer.grasps))

@@ -20,8 +20,17 @@ FAR = 1.0
 """Half side, metres, of the occluding boxes of the demonstration: wide enough for every hand around."""
 
 
-def print_summary(client: ExplorationClient, target: TargetObject) -> tuple[StampedGrasp, ...]:
-    """Print the set and the best grasps under occlusion; return the set."""
+def print_summary(
+    client: ExplorationClient, target: TargetObject, wanted: int, min_distance: float
+) -> tuple[StampedGrasp, ...]:
+    """Print the set and the best grasps under occlusion; return the set.
+
+    Args:
+        client: talks to the nodes.
+        target: the object.
+        wanted: number of grasps that the set was to have.
+        min_distance: their least distance, metres.
+    """
     if client.standing is None or not client.services_ready():
         return ()
     kept = client.solution_set()
@@ -33,6 +42,8 @@ def print_summary(client: ExplorationClient, target: TargetObject) -> tuple[Stam
         f"\n{kept.stored} trials stored; {len(kept.grasps)} diverse grasps, mean quality "
         f"{kept.mean_quality:.4f}, mean distance to the nearest {1000 * kept.mean_min_distance:.0f} mm"
     )
+    if 0 < len(kept.grasps) < wanted:
+        print(f"{wanted} were wanted: no other grasp above 0 is {1000 * min_distance:g} mm away from all of these")
     if not kept.grasps:
         print("no grasp with a quality above 0 was found")
         return ()

@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     _add_surrogate_options(parser)
     _add_noise_options(parser)
-    parser.add_argument("--space", default="position", choices=sorted(SPACES), help="search space")
+    parser.add_argument("--space", default="position", choices=sorted(SPACES), help="search space (default: position)")
     parser.add_argument("--facet", default="+y", choices=FACETS, help="in space facet: what the hand faces (+y)")
     parser.add_argument(
         "--synergies", type=int, default=2, help="in space pose_posture: amplitudes searched (default: 2)"
@@ -65,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--initial", type=int, default=25, help="of these, initial design (default: 25)")
     parser.add_argument("--seed", type=int, default=1, help="seed of the random generator (default: 1)")
     parser.add_argument("--size", type=int, default=4, help="grasps in the solution set (default: 4)")
-    parser.add_argument("--min-distance", type=float, default=0.04, help="least distance of two [m]")
+    parser.add_argument("--min-distance", type=float, default=0.04, help="least distance of two [m] (default: 0.04)")
     parser.add_argument("--out", type=Path, help="folder of the run (default: out/<object>-<time>)")
     parser.add_argument("--restart", action="store_true", help="begin anew if the folder holds a run")
 
@@ -123,13 +123,13 @@ def run(options: argparse.Namespace) -> int:
         if options.restart:
             _delete_run(directory)
         parameters = node_parameters(options, directory)
-        check_continues(directory, parameters["hand_node"])
+        check_continues(directory, parameters)
         print(f"exploring '{target.object_id}' (ROS_DOMAIN_ID={domain_id}, this machine only)")
         print(f"the run is kept in {directory}")
         for name, values in parameters.items():
             nodes.start(NodeProcess(name, values, directory, domain_id))
         interrupted = not _follow(nodes, client, stop)
-        grasps = print_summary(client, target)
+        grasps = print_summary(client, target, options.size, options.min_distance)
     if grasps:
         picture = directory / PICTURE
         render_grasps(target, hand, [stamped.grasp for stamped in grasps], picture)

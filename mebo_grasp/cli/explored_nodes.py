@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Mapping
 from pathlib import Path
 
-from mebo_grasp.cli.run_folder import DATABASE, HAND_PARAMETERS, RUN_LOG, hand_parameters
+from mebo_grasp.cli.run_folder import DATABASE, RUN_LOG, node_parameters_of
 from mebo_grasp.errors import InvalidSettingsError
 
 NODES = ("solution_set_node", "hand_node", "optimizer_node")
@@ -23,6 +23,23 @@ HAND_OPTIONS = {
     "contact_model": "contact",
 }
 """Parameters of the hand node that say what a trial is, and the option of each."""
+OPTIMIZER_OPTIONS = {
+    "space": "space",
+    "method": "method",
+    "kernel": "kernel",
+    "warp": "warp",
+    "learning": "learning",
+    "surrogate": "surrogate",
+    "safe": "safe",
+    "input_noise_position": "position-noise",
+    "input_noise_rotation": "rotation-noise",
+    "seed": "seed",
+    "budget": "budget",
+    "initial_points": "initial",
+    "num_solutions": "size",
+    "min_distance": "min-distance",
+}
+"""Parameters of the optimizer node with which a run log must be continued, and the option of each."""
 
 
 def node_parameters(options: argparse.Namespace, directory: Path) -> dict[str, dict[str, object]]:
@@ -62,32 +79,40 @@ def node_parameters(options: argparse.Namespace, directory: Path) -> dict[str, d
     }
 
 
-def check_continues(directory: Path, hand: Mapping[str, object]) -> None:
-    """Refuse to continue a run with trials of another kind: their qualities could not be compared.
+def check_continues(directory: Path, parameters: Mapping[str, Mapping[str, object]]) -> None:
+    """Refuse to continue a run as another one.
+
+    Qualities of trials of another kind could not be compared, and the optimizer's log cannot be resumed with other
+    settings.
 
     Args:
         directory: folder of the run, which may be new.
-        hand: parameters that the hand is to be started with.
+        parameters: those that the nodes are to be started with, as ``node_parameters`` returns them.
 
     Raises:
-        InvalidSettingsError: the folder holds trials made with others; the message names the options.
+        InvalidSettingsError: the folder holds a run made with others; the message names the options.
     """
-    path = directory / HAND_PARAMETERS
-    if not path.exists() or not (directory / DATABASE).exists():
-        return
-    try:
-        before = hand_parameters(path)
-    except (KeyError, TypeError, ValueError) as error:
-        raise InvalidSettingsError(
-            f"{path} does not say how the trials of this run were made ({error!r}): name another folder by --out, or "
-            "give --restart to begin anew"
-        ) from error
-    # A file of an older version lacks what could not be chosen then.
-    changed = [
-        f"--{option} {before[parameter]}, not {hand[parameter]}"
-        for parameter, option in HAND_OPTIONS.items()
-        if parameter in before and before[parameter] != hand[parameter]
-    ]
+    changed = []
+    for node, options, kept in (
+        ("hand_node", HAND_OPTIONS, DATABASE),
+        ("optimizer_node", OPTIMIZER_OPTIONS, RUN_LOG),
+    ):
+        path = directory / f"{node}.yaml"
+        if not path.exists() or not (directory / kept).exists():
+            continue
+        try:
+            before = node_parameters_of(path, node)
+        except (KeyError, TypeError, ValueError) as error:
+            raise InvalidSettingsError(
+                f"{path} does not say how the trials of this run were made ({error!r}): name another folder by --out, "
+                "or give --restart to begin anew"
+            ) from error
+        # A file of an older version lacks what could not be chosen then.
+        changed += [
+            f"--{option} {before[name]}, not {parameters[node][name]}"
+            for name, option in options.items()
+            if name in before and before[name] != parameters[node][name]
+        ]
     if changed:
         raise InvalidSettingsError(
             f"the run in {directory} was made with {' and '.join(changed)}: give the same, name another folder by "

@@ -1,4 +1,4 @@
-"""Why a command is silent when it is used for the first time: numba compiles then."""
+"""Why a command is silent: numba compiles when it is used for the first time, or a mesh is prepared."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-NOTICE = "preparing; a first use compiles, which takes a minute or two"
+NOTICE = "preparing; a large or concave mesh takes its time, and a first use compiles for a minute or two"
 
 
 @contextmanager
 def explained(seconds: float = 3.0) -> Iterator[None]:
     """Print a notice to the standard error if what is inside takes longer than so many seconds.
 
-    The compiled code is cached, so later uses take no such time and are told nothing.
+    The compiled code is cached, so that later uses with a mesh that is quickly prepared are told nothing.
     """
     timer = threading.Timer(seconds, print, (NOTICE,), {"file": sys.stderr, "flush": True})
     timer.daemon = True

@@ -8,12 +8,16 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 
 from mebo_grasp import __version__
 from mebo_grasp.errors import MeboGraspError, os_error_text
+
+NEGATIVE_NUMBER = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
+"""What is a value and no option: argparse before Python 3.14 knows no exponents, as of ``--pose 0 0.05 -1e-3 ...``."""
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2
@@ -48,6 +52,7 @@ def make_parser(chosen: str | None) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, (module, purpose) in COMMANDS.items():
         command_parser = commands.add_parser(name, help=purpose)
+        command_parser._negative_number_matcher = NEGATIVE_NUMBER
         if name == chosen:
             command = import_module(f"mebo_grasp.cli.{module}")
             command.add_arguments(command_parser)
@@ -59,7 +64,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     given = sys.argv[1:] if arguments is None else arguments
     chosen = next((argument for argument in given if not argument.startswith("-")), None)
-    options = make_parser(chosen).parse_args(given)
+    parser = make_parser(chosen)
+    if not given:
+        parser.print_help(sys.stderr)
+        return EXIT_USAGE
+    options = parser.parse_args(given)
     try:
         code: int = options.run(options)
         sys.stdout.flush()

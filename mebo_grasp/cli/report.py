@@ -73,17 +73,18 @@ class ProgressLine:
     """A live line on a terminal; on anything else a line each few seconds.
 
     Args:
-        stream: where it is written.
+        stream: where it is written; None for the standard error.
         period: seconds between two lines where the stream is no terminal.
     """
 
     BAR_WIDTH = 24
 
-    def __init__(self, stream: TextIO = sys.stderr, period: float = 5.0) -> None:
-        self._stream = stream
-        self._live = stream.isatty()
+    def __init__(self, stream: TextIO | None = None, period: float = 5.0) -> None:
+        self._stream = stream or sys.stderr
+        self._live = self._stream.isatty()
         self._period = period
         self._due = 0.0
+        self._complete = False
 
     def show(self, done: int, total: int, best: float, seconds_per_trial: float, note: str = "") -> None:
         """Write where things stand.
@@ -96,9 +97,11 @@ class ProgressLine:
             note: what a person should know, empty for nothing.
         """
         now = time.monotonic()
-        if not self._live and now < self._due and done < total:
+        newly_complete = done >= total and not self._complete
+        if not self._live and now < self._due and not newly_complete:
             return
         self._due = now + self._period
+        self._complete = done >= total
         filled = self.BAR_WIDTH * done // max(total, 1)
         bar = "#" * filled + "-" * (self.BAR_WIDTH - filled)
         best_text = "-" if math.isnan(best) else f"{best:.4f}"

@@ -35,14 +35,14 @@ class ExploredRun:
     hand: str = "icub_left"
 
 
-def hand_parameters(path: Path) -> dict[str, Any]:
-    """Parameters that a run's hand was started with.
+def node_parameters_of(path: Path, node: str) -> dict[str, Any]:
+    """Parameters that a run's node was started with.
 
     Raises:
         KeyError, TypeError, ValueError: the file is damaged.
     """
     try:
-        return dict(yaml.safe_load(path.read_text(encoding="utf-8"))["hand_node"]["ros__parameters"])
+        return dict(yaml.safe_load(path.read_text(encoding="utf-8"))[node]["ros__parameters"])
     except yaml.YAMLError as error:
         raise ValueError(str(error)) from error
 
@@ -57,7 +57,7 @@ def read_run(folder: Path) -> ExploredRun:
     if not path.exists():
         return ExploredRun()
     try:
-        parameters = hand_parameters(path)
+        parameters = node_parameters_of(path, "hand_node")
         return ExploredRun(parameters["object"], float(parameters["object_scale"]), parameters["hand"])
     except (KeyError, TypeError, ValueError) as error:
         raise InvalidSettingsError(

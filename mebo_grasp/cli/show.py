@@ -17,6 +17,10 @@ from mebo_grasp.solutions.solution_set import SolutionSet
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
+    parser.description = (
+        "Prints the diverse grasps of a stored run and draws them: a picture, and a page with the grasps in 3-D that "
+        "any browser opens without a network."
+    )
     add_run_arguments(parser)
     add_filter_arguments(parser, max_grasps=4, min_diversity=0.04)
     parser.add_argument("--picture", type=Path, help="PNG file (default: beside the database)")

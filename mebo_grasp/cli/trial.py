@@ -21,13 +21,15 @@ from mebo_grasp.grasping.simulator import GraspSimulator
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.grasping.trial import TrialSettings
 
+NOISES = {"position": "m", "rotation": "rad", "friction": "1", "normal": "rad"}
+"""What may be off when a trial is repeated, and the unit of its standard deviation."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
     parser.description = (
         "Places the hand, closes it and measures the grasp. The pose is that of the TCP in the "
-        "object's frame: x y z in metres, then either roll pitch yaw in radians or a quaternion qx qy qz qw. "
-        "Numbers like -1e-3 must stand in quotes with the others: --pose '0 0.05 -1e-3 -1.57 0 0'."
+        "object's frame: x y z in metres, then either roll pitch yaw in radians or a quaternion qx qy qz qw."
     )
     add_scene_arguments(parser)
     parser.add_argument(
@@ -35,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_trial_arguments(parser)
     parser.add_argument("--repeat", type=int, default=0, help="also execute it so many times with noise")
-    for name, unit in (("position", "m"), ("rotation", "rad"), ("friction", "1"), ("normal", "rad")):
+    for name, unit in NOISES.items():
         parser.add_argument(
             f"--{name}-noise", type=float, default=0.0, help=f"standard deviation for --repeat [{unit}]"
         )
@@ -46,8 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Execute, print and draw; returns the exit code."""
     require_png("--out", options.out)
-    if options.repeat < 0:
-        raise InvalidSettingsError(f"--repeat is {options.repeat}; it must be at least 1, or 0 for none")
+    noise = execution_noise(options)
     settings = trial_settings(options)
     target = TargetObject.load(options.object, options.scale, options.concave)
     hand = HandModel.load(options.hand)
@@ -60,23 +61,36 @@ def run(options: argparse.Namespace) -> int:
         further = simulator.further_metrics(grasp)
         print(trial_text(grasp, settings, further))
         if options.repeat:
-            print(f"\n{repeated_text(simulator, pose, options)}")
+            print(f"\n{repeated_text(simulator, pose, noise, options)}")
     if options.out is not None:
         render_trial(target, hand, grasp, options.out)
         print(f"\npicture: {options.out}")
     return 0
 
 
-def repeated_text(simulator: GraspSimulator, pose: Pose, options: argparse.Namespace) -> str:
-    """Execute a pose with noise as the options say and return what came of it."""
+def execution_noise(options: argparse.Namespace) -> ExecutionNoise:
+    """Return the noise that the options describe.
+
+    Raises:
+        InvalidSettingsError: a number is out of its range, or there is noise without ``--repeat`` or the reverse.
+    """
+    if options.repeat < 0:
+        raise InvalidSettingsError(f"--repeat is {options.repeat}; it must be at least 1, or 0 for none")
     if options.seed < 0:
         raise InvalidSettingsError(f"--seed is {options.seed}; it must be at least 0")
-    noise = ExecutionNoise(
-        position=options.position_noise,
-        rotation=options.rotation_noise,
-        friction=options.friction_noise,
-        normal=options.normal_noise,
-    )
+    noise = ExecutionNoise(**{kind: getattr(options, f"{kind}_noise") for kind in NOISES})
+    flags = ", ".join(f"--{kind}-noise" for kind in NOISES)
+    if options.repeat and noise == ExecutionNoise():
+        raise InvalidSettingsError(
+            f"--repeat {options.repeat} without noise would give the same grasp each time; give any of {flags}"
+        )
+    if noise != ExecutionNoise() and not options.repeat:
+        raise InvalidSettingsError(f"{flags} count for --repeat alone; give --repeat 100, say")
+    return noise
+
+
+def repeated_text(simulator: GraspSimulator, pose: Pose, noise: ExecutionNoise, options: argparse.Namespace) -> str:
+    """Execute a pose with noise as often as the options say and return what came of it."""
     found = execute_repeatedly(simulator, pose, noise, options.repeat, np.random.default_rng(options.seed))
     ends = ", ".join(f"{count} {outcome.name}" for outcome, count in found.outcomes.most_common())
     known = found.under_noise

@@ -24,6 +24,25 @@ IntArray = npt.NDArray[np.int64]
 HULL_MARGIN = 1e-3
 """Bullet inflates every convex mesh by this much (metres); gaps and points are corrected for it."""
 
+MOST_BODY_FACES = 40_000
+"""Triangles of one body: PyBullet takes no mesh of more than 131,072 vertices or 524,288 corners."""
+
+
+def surface_pieces(vertices: FloatArray, faces: IntArray) -> list[tuple[FloatArray, IntArray]]:
+    """Cut a surface that PyBullet would not take whole into slices, each (n, 3) vertices and (m, 3) faces.
+
+    Slices are across the longest side, so that few of them are near to a shape.
+    """
+    if len(vertices) <= 3 * MOST_BODY_FACES and len(faces) <= 4 * MOST_BODY_FACES:
+        return [(vertices, faces)]
+    axis = int(np.ptp(vertices, axis=0).argmax())
+    order = np.argsort(vertices[faces, axis].mean(axis=1), kind="stable")
+    pieces = []
+    for some in np.array_split(order, -(-len(faces) // MOST_BODY_FACES)):
+        used, corners = np.unique(faces[some], return_inverse=True)
+        pieces.append((vertices[used], corners.reshape(-1, 3)))
+    return pieces
+
 
 def bounding_radius(shape: LinkShape) -> float:
     """Return the radius of a ball about the origin of a shape's frame that holds the shape."""
@@ -105,35 +124,33 @@ class BulletWorld:
         self._error: BaseException | None = None
         self.callback = GAP_CALLBACK(self._answer)
         self._margin_object = HULL_MARGIN if target.solid_parts else 0.0
-        self._bodies = self._object_bodies(target)
+        pieces = surface_pieces(np.asarray(target.mesh.vertices), np.asarray(target.mesh.faces))
+        self._bodies = [self._part_body(part) for part in target.solid_parts] or [
+            self._surface_body(*piece) for piece in pieces
+        ]
         self._shapes = [self._hand_shape(shape) for shape in shapes]
         self._T_group_shape = np.ascontiguousarray(T_group_shape)
         self._placed = np.empty(7)
         self._balls = [bounding_radius(shape) for shape in shapes]
-        parts = target.solid_parts or (np.asarray(target.mesh.vertices),)
+        parts = target.solid_parts or [vertices for vertices, _ in pieces]
         self._lower = np.array([part.min(axis=0) for part in parts])
         self._upper = np.array([part.max(axis=0) for part in parts])
         self._near = np.empty(len(parts), dtype=np.int64)
         self._margins = [HULL_MARGIN if shape.kind == "mesh" else 0.0 for shape in shapes]
 
-    def _object_bodies(self, target: TargetObject) -> list[int]:
-        if not target.solid_parts:
-            mesh = target.mesh
-            shape = pybullet.createCollisionShape(
-                pybullet.GEOM_MESH,
-                vertices=mesh.vertices.tolist(),
-                indices=mesh.faces.reshape(-1).tolist(),
-                flags=pybullet.GEOM_FORCE_CONCAVE_TRIMESH,
-                physicsClientId=self._client,
-            )
-            return [pybullet.createMultiBody(0, shape, physicsClientId=self._client)]
-        bodies = []
-        for part in target.solid_parts:
-            shape = pybullet.createCollisionShape(
-                pybullet.GEOM_MESH, vertices=part.tolist(), physicsClientId=self._client
-            )
-            bodies.append(pybullet.createMultiBody(0, shape, physicsClientId=self._client))
-        return bodies
+    def _part_body(self, part: FloatArray) -> int:
+        shape = pybullet.createCollisionShape(pybullet.GEOM_MESH, vertices=part.tolist(), physicsClientId=self._client)
+        return int(pybullet.createMultiBody(0, shape, physicsClientId=self._client))
+
+    def _surface_body(self, vertices: FloatArray, faces: IntArray) -> int:
+        shape = pybullet.createCollisionShape(
+            pybullet.GEOM_MESH,
+            vertices=vertices.tolist(),
+            indices=faces.reshape(-1).tolist(),
+            flags=pybullet.GEOM_FORCE_CONCAVE_TRIMESH,
+            physicsClientId=self._client,
+        )
+        return int(pybullet.createMultiBody(0, shape, physicsClientId=self._client))
 
     def _hand_shape(self, shape: LinkShape) -> int:
         kwargs: dict[str, object] = {"physicsClientId": self._client}

@@ -15,7 +15,7 @@ from numba import njit
 from scipy import ndimage
 
 from mebo_grasp.grasping.borrowed import borrowed
-from mebo_grasp.grasping.triangle_tree import TriangleTree, build_tree, closest_point
+from mebo_grasp.grasping.triangle_tree import TriangleTree, closest_point
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -24,7 +24,9 @@ MOST_CELLS_ALONG = 96
 SMALLEST_CELL = 0.0012
 MARGIN_CELLS = 3
 MOST_HEIGHTS = 500_000
-"""Heights of points above faces that are looked at together: all at once would take a gigabyte for a fine mesh."""
+"""Pairs of a line and a plane that are looked at together: all at once would take a gigabyte for a fine mesh."""
+VERTICAL = 1e-12
+"""A plane whose unit normal rises by less is taken for vertical."""
 
 
 class DistanceField(NamedTuple):
@@ -66,17 +68,40 @@ def _grid_distances(tree: TriangleTree, origin: FloatArray, cell: float, values:
                 values[i, j, k] = before
 
 
-def inside_parts(points: FloatArray, parts: tuple[FloatArray, ...]) -> npt.NDArray[np.bool_]:
-    """Return which points, shape (n, 3), lie in one of the convex parts."""
-    inside = np.zeros(len(points), dtype=bool)
+def inside_parts(axes: list[FloatArray], parts: tuple[FloatArray, ...]) -> npt.NDArray[np.bool_]:
+    """Return which nodes of a grid lie in one of the convex parts.
+
+    A line along z meets a convex part in one interval, so that all planes are asked once a line and not once a node.
+
+    Args:
+        axes: x, y and z of the nodes, shapes (nx,), (ny,), (nz,).
+        parts: each (n, 3) vertices.
+
+    Returns:
+        Shape (nx, ny, nz).
+    """
+    lines = np.stack(np.meshgrid(axes[0], axes[1], indexing="ij"), axis=-1).reshape(-1, 2)
+    inside = np.zeros((len(lines), len(axes[2])), dtype=bool)
     for part in parts:
         hull = trimesh.PointCloud(part).convex_hull
         normals, corners = np.asarray(hull.face_normals), np.asarray(hull.triangles[:, 0])
         offsets = np.einsum("ij,ij->i", normals, corners)
-        near = np.flatnonzero(np.all((points >= part.min(axis=0)) & (points <= part.max(axis=0)), axis=1) & ~inside)
+        low, high = part[:, :2].min(axis=0), part[:, :2].max(axis=0)
+        near = np.flatnonzero(np.all((lines >= low) & (lines <= high), axis=1))
         for some in np.array_split(near, 1 + len(near) * len(normals) // MOST_HEIGHTS):
-            inside[some] = np.all(points[some] @ normals.T <= offsets, axis=1)
-    return inside
+            inside[some] |= _behind_planes(lines[some], axes[2], normals, offsets)
+    return inside.reshape(len(axes[0]), len(axes[1]), len(axes[2]))
+
+
+def _behind_planes(lines: FloatArray, z: FloatArray, normals: FloatArray, offsets: FloatArray) -> npt.NDArray[np.bool_]:
+    """Return which points of lines along z, shape (lines, len(z)), lie behind all planes: normal . p <= offset."""
+    left = offsets - lines @ normals[:, :2].T
+    slope = normals[:, 2]
+    rising, falling = slope > VERTICAL, slope < -VERTICAL
+    top = (left[:, rising] / slope[rising]).min(axis=1, initial=np.inf)
+    bottom = (left[:, falling] / slope[falling]).max(axis=1, initial=-np.inf)
+    beside = np.all(left[:, ~(rising | falling)] >= 0.0, axis=1)
+    return beside[:, None] & (z >= bottom[:, None]) & (z <= top[:, None])
 
 
 def _inside_surface(
@@ -100,27 +125,27 @@ def _inside_surface(
     return inside
 
 
-def build_field(surface: trimesh.Trimesh, parts: tuple[FloatArray, ...] = ()) -> DistanceField:
+def build_field(bounds: FloatArray, tree: TriangleTree, parts: tuple[FloatArray, ...] = ()) -> DistanceField:
     """Compute the signed distances of a surface on a grid around it.
 
     Args:
-        surface: triangles, metres.
+        bounds: corners of the surface's box, shape (2, 3), metres.
+        tree: its triangles.
         parts: convex parts that make up the solid, which then say what is inside.
     """
-    lower, upper = np.array(surface.bounds)
+    lower, upper = bounds
     cell = max(float((upper - lower).max()) / MOST_CELLS_ALONG, SMALLEST_CELL)
     counts = np.ceil((upper - lower) / cell).astype(int) + 1 + 2 * MARGIN_CELLS
     origin = (lower + upper) / 2.0 - (counts - 1) * cell / 2.0
     margin = float(np.min(lower - origin))
-    tree = build_tree(np.array(surface.triangles, dtype=np.float64))
     values = np.empty(tuple(counts))
     nearest = np.empty(tuple(counts), dtype=np.int64)
     _grid_distances(tree, origin, cell, values, nearest)
     axes = [origin[k] + cell * np.arange(counts[k]) for k in range(3)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     if parts:
-        inside = inside_parts(points, parts).reshape(values.shape)
+        inside = inside_parts(axes, parts)
     else:
+        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         inside = _inside_surface(values, nearest, points, tree, cell)
     values[inside] *= -1.0
     # Interpolation weighs the eight corners of a cell; their mean distance from a point is at most that from

@@ -36,6 +36,8 @@ OVERLAP = -1e-3
 """Links that overlap by more than this in the open hand are named, metres."""
 FAR_ORIGIN = 1.0
 TRIALS = 64
+FINE_SURFACE = 100_000
+"""Triangles from which on trials with engine bullet are slow."""
 
 
 class Level(IntEnum):
@@ -138,7 +140,7 @@ def _hand_frames(hand: HandModel) -> list[Finding]:
                 f"grasp_center {middle.tolist()} m lies more than 0.1 m outside of the hand; give it in the TCP frame",
             )
         )
-    if abs(hand.palm_normal[2]) < 0.9:
+    if not fits_derived_spaces(hand):
         findings.append(
             Finding(
                 Level.WARNING,
@@ -148,6 +150,11 @@ def _hand_frames(hand: HandModel) -> list[Finding]:
             )
         )
     return findings
+
+
+def fits_derived_spaces(hand: HandModel) -> bool:
+    """Whether the palm faces along z of the TCP, as the derived search spaces expect."""
+    return bool(abs(hand.palm_normal[2]) >= 0.9)
 
 
 def fingertips(hand: HandModel, posture: HandPosture | None = None) -> dict[str, FloatArray]:
@@ -233,8 +240,12 @@ def _self_collision(hand: HandModel) -> list[Finding]:
 def check_object(target: TargetObject) -> list[Finding]:
     """Check an object that could be loaded; one that is flat, empty or of a wrong scale cannot."""
     mesh, sides = target.mesh, " x ".join(f"{1000 * side:.1f}" for side in target.extents)
+    fine = not target.solid_parts and len(mesh.faces) > FINE_SURFACE
+    hint = "; trials on so fine a surface take seconds: simplify it, or use engine fast" if fine else ""
     findings = [
-        Finding(Level.OK, "object", f"'{target.object_id}': {len(mesh.faces)} triangles"),
+        Finding(
+            Level.WARNING if fine else Level.OK, "object", f"'{target.object_id}': {len(mesh.faces)} triangles{hint}"
+        ),
         Finding(Level.OK, "scale", f"the object measures {sides} mm"),
     ]
     return [*findings, _watertight(target), _solid(target), _object_frame(target)]
@@ -250,19 +261,25 @@ def _watertight(target: TargetObject) -> Finding:
     return Finding(
         Level.WARNING,
         "surface",
-        f"not watertight: {len(edges)} open edges in {mesh.body_count} pieces; mass centre and inside are estimated",
+        f"not watertight: {len(edges)} open edges; mass centre and inside are estimated, close the holes if trials "
+        "look wrong",
     )
 
 
 def _solid(target: TargetObject) -> Finding:
     if target.solid_parts:
-        return Finding(Level.OK, "solid", f"{len(target.solid_parts)} convex parts")
-    share = abs(target.mesh.volume) / target.mesh.convex_hull.volume if target.mesh.is_watertight else float("nan")
+        count = len(target.solid_parts)
+        return Finding(Level.OK, "solid", f"{count} convex part{'s' if count > 1 else ''}")
+    if not target.mesh.is_watertight:
+        return Finding(
+            Level.WARNING, "solid", "the surface itself, and what it encloses apart from holes; or try --concave parts"
+        )
+    share = abs(target.mesh.volume) / target.mesh.convex_hull.volume
     return Finding(
-        Level.WARNING,
+        Level.OK,
         "solid",
-        f"known by its surface only (fills {100 * share:.0f} % of its hull; from {100 * CONVEX_SHARE:.0f} % on it "
-        "counts as convex)",
+        f"the surface itself, which is exact: it fills {100 * share:.0f} % of its convex hull, which would stand for "
+        f"it from {100 * CONVEX_SHARE:g} % on",
     )
 
 
@@ -303,7 +320,11 @@ def check_together(hand: HandModel, target: TargetObject, trials: int = TRIALS) 
     )
     if counts[GraspOutcome.GRASPED]:
         return [Finding(Level.OK if closed else Level.WARNING, "trials", text)]
-    if counts[GraspOutcome.NO_CONTACT] > counts[GraspOutcome.COLLISION]:
+    if not fits_derived_spaces(hand):
+        reason = (
+            "the position space does not fit this hand's frame: give the optimizer bounds of your own, or set tcp.rpy"
+        )
+    elif counts[GraspOutcome.NO_CONTACT] > counts[GraspOutcome.COLLISION]:
         reason = "closing touches nothing: look at the scale of both, the TCP frame and the signs of speeds"
     else:
         reason = "the open hand collides everywhere: look at the scale of both, the preshape and the TCP frame"

@@ -46,9 +46,9 @@ class GraspSimulator:
         self.settings = settings or TrialSettings()
         bullet = self.settings.engine == "bullet"
         surface = target.parts_surface if bullet else target.mesh
-        self._field = build_field(surface, target.solid_parts)
-        self._rule = ClosingRule(self.settings.step, self.settings.gap_tolerance, self.settings.whole_finger)
         self._tree = build_tree(np.array(surface.triangles, dtype=np.float64))
+        self._field = build_field(np.array(surface.bounds), self._tree, target.solid_parts)
+        self._rule = ClosingRule(self.settings.step, self.settings.gap_tolerance, self.settings.whole_finger)
         self._world: BulletWorld | None = None
         self._open_hand = hand.preshape
         self._take_preshape(self._open_hand)

@@ -30,6 +30,8 @@ SMALLEST_THICKNESS = 0.0005
 MOST_FACES = 1_000_000
 CONVEX_SHARE = 0.985
 """A closed mesh that fills this share of its convex hull is taken for convex."""
+MOST_PART_VERTICES = 100_000
+"""A finer hull is known by its surface: PyBullet takes no convex shape of more than 131,072 vertices."""
 MESH_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".3mf", ".dae")
 
 
@@ -118,7 +120,8 @@ class TargetObject:
         check_concave(concave)
         if mesh.is_watertight:
             hull = mesh.convex_hull
-            if abs(mesh.volume) >= CONVEX_SHARE * hull.volume:
+            nearly_convex = abs(mesh.volume) >= CONVEX_SHARE * hull.volume
+            if nearly_convex and len(hull.vertices) <= MOST_PART_VERTICES:
                 return cls(object_id, mesh, (np.array(hull.vertices),))
         parts = convex_parts(mesh, object_id) if concave == "parts" else ()
         if parts:

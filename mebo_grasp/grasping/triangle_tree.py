@@ -92,12 +92,42 @@ def build_tree(triangles: FloatArray) -> TriangleTree:
     ordered = np.ascontiguousarray(triangles[order])
     sorted_triangles, sorted_nodes = np.zeros(len(ordered), TRIANGLE_TYPE), np.zeros(len(nodes), NODE_TYPE)
     sorted_triangles["corners"], sorted_triangles["normal"] = ordered, _normals(ordered)
-    sorted_triangles["ball"] = [_ball(triangle) for triangle in ordered]
-    for node, (start, end), right in zip(sorted_nodes, nodes, rights, strict=True):
-        corners = ordered[start:end].reshape(-1, 3)
-        node["lower"], node["upper"], node["ball"] = corners.min(axis=0), corners.max(axis=0), _ball(corners)
-        node["right"], node["start"], node["end"] = right, start, end
+    sorted_nodes["right"] = rights
+    sorted_nodes["start"], sorted_nodes["end"] = np.array(nodes).T
+    _enclose(sorted_triangles, sorted_nodes)
     return TriangleTree(sorted_triangles, sorted_nodes)
+
+
+@njit(cache=True)
+def _enclose(triangles: npt.NDArray[np.void], nodes: npt.NDArray[np.void]) -> None:
+    """Write the balls of triangles, and boxes and balls of nodes."""
+    lower, upper = np.empty(3), np.empty(3)
+    for i in range(len(triangles)):
+        _enclose_corners(triangles, i, i + 1, lower, upper, triangles[i].ball)
+    for node in nodes:
+        _enclose_corners(triangles, node.start, node.end, node.lower, node.upper, node.ball)
+
+
+@njit(cache=True)
+def _enclose_corners(
+    triangles: npt.NDArray[np.void], start: int, end: int, lower: FloatArray, upper: FloatArray, ball: FloatArray
+) -> None:
+    """Write box and ball of a range of triangles; the ball is about the middle of the box."""
+    lower[:], upper[:] = np.inf, -np.inf
+    for i in range(start, end):
+        for corner in triangles[i].corners:
+            for k in range(3):
+                lower[k], upper[k] = min(lower[k], corner[k]), max(upper[k], corner[k])
+    farthest = 0.0
+    for k in range(3):
+        ball[k] = 0.5 * (lower[k] + upper[k])
+    for i in range(start, end):
+        for corner in triangles[i].corners:
+            away = 0.0
+            for k in range(3):
+                away += (corner[k] - ball[k]) ** 2
+            farthest = max(farthest, away)
+    ball[3] = np.sqrt(farthest)
 
 
 def _normals(triangles: FloatArray) -> FloatArray:
@@ -105,12 +135,6 @@ def _normals(triangles: FloatArray) -> FloatArray:
     across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     twice_area = np.linalg.norm(across, axis=1, keepdims=True)
     return np.ascontiguousarray(np.divide(across, twice_area, out=np.zeros_like(across), where=twice_area > 0.0))
-
-
-def _ball(points: FloatArray) -> FloatArray:
-    """Return centre and radius, shape (4,), of a ball about points: about the middle of their box."""
-    center = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    return np.append(center, np.linalg.norm(points - center, axis=1).max())
 
 
 @njit(cache=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
@@ -38,6 +38,7 @@ class HandLinks:
             if with_posture
         }
         self._seen: set[str] = set()
+        self._anybody_answers = False
         self.ready: tuple[str, ...] = ()
         """Hands that can be given trials."""
 
@@ -45,12 +46,13 @@ class HandLinks:
         """Look for hands that came or went.
 
         Args:
-            anybody_answers: whether somebody publishes grasp qualities. Who only listens to candidates, such as
-                `ros2 topic echo`, is no hand.
+            anybody_answers: whether somebody publishes grasp qualities so that they are heard. Who only listens to
+                candidates, such as `ros2 topic echo`, is no hand.
 
         Returns:
             The hands that are gone since the last look.
         """
+        self._anybody_answers = anybody_answers
         seen = {hand for hand in self._poses if anybody_answers and self._listens(hand)}
         # A hand that was seen just now may not yet see this node: what was sent to it would be lost.
         ready = tuple(hand for hand in self._poses if hand in seen & self._seen)
@@ -65,10 +67,20 @@ class HandLinks:
         self._poses[hand].publish(to_pose_stamped_msg(stamp_ns, self._frame_id, T_object_tcp))
 
     def what_is_missing(self) -> str:
-        """Say on which topics a hand is waited for."""
+        """Say on which topics a hand is waited for, or why one that is there cannot be used."""
         topics = [publisher.topic_name for hand in self._poses for publisher in self._publishers_to(hand)]
         hint = " (hand_node with expects_posture: true)" if self._postures else ""
-        return f"waiting for a hand on {', '.join(topics)}{hint}"
+        waiting = f"waiting for a hand on {', '.join(topics)}{hint}"
+        if self._anybody_answers or not any(self._listens(hand) for hand in self._poses):
+            return waiting
+        return (
+            f"{waiting}: somebody listens there, but nobody publishes grasp_quality with the QoS reliable and "
+            "transient local"
+        )
+
+    def describe(self, hands: Iterable[str]) -> str:
+        """Name hands by the topics on which they listen."""
+        return "hand on " + ", ".join(self._poses[hand].topic_name for hand in hands)
 
     def _listens(self, hand: str) -> bool:
         return all(publisher.get_subscription_count() > 0 for publisher in self._publishers_to(hand))

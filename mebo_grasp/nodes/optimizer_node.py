@@ -233,7 +233,7 @@ class OptimizerNode(Node):
     @guarded
     def _on_check(self) -> None:
         for hand in self._hands.look(self._qualities.get_publisher_count() > 0):
-            self.get_logger().warning(f"hand '{hand}' is gone; its trials wait for another")
+            self.get_logger().warning(f"{self._hands.describe([hand])} is gone; its trials wait for another")
             self._dispatcher.hand_lost(hand)
         for trial in self._dispatcher.expire(time.monotonic()):
             reason = f"no answer after {self._settings.max_attempts} attempts"
@@ -315,7 +315,7 @@ class OptimizerNode(Node):
         if not self._hands.ready:
             return self._hands.what_is_missing()
         silent = self._dispatcher.silent_hands
-        return f"no answer from hand {', '.join(repr(hand) for hand in silent)}" if silent else ""
+        return f"no answer from {self._hands.describe(silent)}" if silent else ""
 
     @guarded
     def _on_diagnostics(self) -> None:

@@ -47,6 +47,7 @@ class NodeProcess:
             PARENT_VARIABLE: str(os.getpid()),
         }
         with self.log_path.open("ab") as log:
+            self._log_begins = log.tell()
             # A session of its own: Ctrl-C reaches the command line alone, which then stops the nodes.
             self._process = subprocess.Popen(
                 command,
@@ -70,7 +71,9 @@ class NodeProcess:
         """
         code = self._process.poll()
         if code is not None:
-            lines = self.log_path.read_text(encoding="utf-8", errors="replace").splitlines()[-10:]
+            # A run that is continued has the log of its earlier starts in the same file.
+            said = self.log_path.read_bytes()[self._log_begins :].decode("utf-8", errors="replace")
+            lines = said.splitlines()[-10:]
             raise MeboGraspError(f"{self.name} ended with exit code {code}; its log says:\n" + "\n".join(lines))
 
     def request_stop(self) -> None:

@@ -126,6 +126,7 @@ class Probe:
     """The test's own node: publishes, subscribes and calls services, spinning in a thread."""
 
     def __init__(self, domain_id: int) -> None:
+        self.domain_id = domain_id
         self._context = Context()
         self._context.init(domain_id=domain_id)
         self.node = Node("probe", context=self._context)

@@ -93,9 +93,12 @@ def test_ctrl_c_keeps_what_was_found_and_the_same_command_resumes(tmp_path: Path
     stored = re.search(r"(\d+) trials stored", resumed.stdout)
     assert stored is not None
     assert int(stored.group(1)) >= 150
+    finished = run(*arguments[1:])
+    assert finished.returncode == 0, finished.stderr
+    assert finished.stderr.count("150/150 trials") == 1
     other = run(*arguments[1:], "--seed", "9", "--method", "random")
-    assert other.returncode == 1
-    assert "another method (basin_search in the log, random now), seed (1 in the log, 9 now):" in other.stderr
+    assert other.returncode == 2
+    assert "--method basin_search, not random and --seed 1, not 9: give the same" in other.stderr
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
 import resource
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -48,12 +51,36 @@ def test_an_answer_that_comes_late_or_twice_counts_once(launch, probe: Probe, st
     assert math.isclose(final.best_quality, max(answer(c).quality for c in hand.candidates.messages), rel_tol=1e-12)
 
 
+def test_the_robot_of_the_documents_is_a_hand(launch, probe: Probe, status, tmp_path: Path) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "hands.md").read_text(encoding="utf-8")
+    script = tmp_path / "my_robot.py"
+    script.write_text(text.split("## A robot in place of")[1].split("```python\n")[1].split("```")[0])
+    qualities = probe.listen(GraspQuality, "grasp_quality", qos.QUALITIES)
+    node = launch("optimizer_node", budget=4, initial_points=4, object=OBJECT)
+    environment = dict(os.environ, ROS_DOMAIN_ID=str(probe.domain_id), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
+    with subprocess.Popen([sys.executable, str(script)], env=environment) as robot:
+        try:
+            final = status.wait_for(finished)
+        finally:
+            robot.kill()
+    assert (final.evaluations, final.failed) == (4, 0)
+    assert final.best_quality == max(quality.quality for quality in qualities.messages)
+    assert node.alive
+
+
+def test_a_hand_whose_answers_cannot_be_heard_is_told_why(launch, probe: Probe, status) -> None:
+    probe.node.create_publisher(GraspQuality, "grasp_quality", 10)
+    probe.listen(PoseStamped, "candidate_pose", qos.CANDIDATES)
+    launch("optimizer_node", object=OBJECT)
+    status.wait_for(lambda s: "nobody publishes grasp_quality with the QoS reliable and transient local" in s.message)
+
+
 def test_a_hand_that_never_answers_costs_the_trial_not_the_run(launch, probe: Probe, status) -> None:
     hand = PlayedHand(probe)
     hand.respond = lambda _: []
     diagnostics = probe.listen(DiagnosticArray, "/diagnostics")
     launch("optimizer_node", budget=3, initial_points=3, trial_timeout=0.2, max_attempts=2, object=OBJECT)
-    status.wait_for(lambda s: "no answer from hand" in s.message)
+    status.wait_for(lambda s: "no answer from hand on /candidate_pose" in s.message)
     diagnostics.wait_for(lambda d: d.status[0].level == DiagnosticStatus.WARN)
     final = status.wait_for(finished)
     assert (final.evaluations, final.failed) == (3, 3)

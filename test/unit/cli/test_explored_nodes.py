@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from mebo_grasp.cli import explore
-from mebo_grasp.cli.explored_nodes import HAND_OPTIONS, NODES, check_continues, node_parameters
+from mebo_grasp.cli.explored_nodes import HAND_OPTIONS, NODES, OPTIMIZER_OPTIONS, check_continues, node_parameters
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.nodes.settings import HandNodeSettings, OptimizerNodeSettings, SolutionSetNodeSettings
 
@@ -21,6 +21,9 @@ SETTINGS: dict[str, type[Any]] = {
 OTHERS = {
     "object": "mug", "scale": "0.5", "concave": "parts", "hand": "icub_right", "metric": "volume",
     "engine": "fast", "friction": "0.7", "edges": "6", "contact": "soft",
+    "space": "pose", "method": "mebo", "kernel": "evidence", "warp": "kumaraswamy", "learning": "mcmc",
+    "surrogate": "treed_gp", "position-noise": "0.01", "rotation-noise": "0.2", "seed": "2", "budget": "300",
+    "initial": "30", "size": "5", "min-distance": "0.03",
 }  # fmt: skip
 
 
@@ -30,9 +33,11 @@ def options_of(*words: str) -> argparse.Namespace:
     return parser.parse_args(words)
 
 
-def store(folder: Path, parameters: dict[str, object]) -> None:
+def store(folder: Path, parameters: dict[str, dict[str, object]]) -> None:
     (folder / "trials.db").touch()
-    (folder / "hand_node.yaml").write_text(yaml.safe_dump({"hand_node": {"ros__parameters": parameters}}))
+    (folder / "run.jsonl").touch()
+    for node, values in parameters.items():
+        (folder / f"{node}.yaml").write_text(yaml.safe_dump({node: {"ros__parameters": values}}))
 
 
 def test_all_parameters_are_the_nodes_own(tmp_path: Path) -> None:
@@ -42,10 +47,12 @@ def test_all_parameters_are_the_nodes_own(tmp_path: Path) -> None:
         assert set(values) <= {field.name for field in fields(SETTINGS[node])}, node
 
 
-@pytest.mark.parametrize("option", HAND_OPTIONS.values())
-def test_a_run_is_continued_with_the_same_kind_of_trials_only(option: str, tmp_path: Path) -> None:
-    before = node_parameters(options_of(), tmp_path)["hand_node"]
-    other = node_parameters(options_of(f"--{option}", OTHERS[option]), tmp_path)["hand_node"]
+@pytest.mark.parametrize("option", [*HAND_OPTIONS.values(), *(set(OPTIMIZER_OPTIONS.values()) - {"safe"})])
+def test_a_run_is_continued_with_the_same_kind_of_trials_and_the_same_settings_only(
+    option: str, tmp_path: Path
+) -> None:
+    before = node_parameters(options_of(), tmp_path)
+    other = node_parameters(options_of(f"--{option}", OTHERS[option]), tmp_path)
     check_continues(tmp_path, other)
     store(tmp_path, before)
     check_continues(tmp_path, before)
@@ -54,8 +61,8 @@ def test_a_run_is_continued_with_the_same_kind_of_trials_only(option: str, tmp_p
 
 
 def test_a_run_of_before_there_was_a_choice_is_continued(tmp_path: Path) -> None:
-    now = node_parameters(options_of(), tmp_path)["hand_node"]
-    store(tmp_path, {"object": "bottle", "object_scale": 1.0, "hand": "icub_left"})
+    now = node_parameters(options_of(), tmp_path)
+    store(tmp_path, {"hand_node": {"object": "bottle", "object_scale": 1.0, "hand": "icub_left"}})
     check_continues(tmp_path, now)
 
 
@@ -64,4 +71,10 @@ def test_a_run_whose_parameters_are_damaged_is_not(text: str, tmp_path: Path) ->
     store(tmp_path, {})
     (tmp_path / "hand_node.yaml").write_text(text)
     with pytest.raises(InvalidSettingsError, match="does not say how the trials"):
-        check_continues(tmp_path, node_parameters(options_of(), tmp_path)["hand_node"])
+        check_continues(tmp_path, node_parameters(options_of(), tmp_path))
+
+
+def test_a_run_whose_log_is_gone_may_be_explored_by_another_method(tmp_path: Path) -> None:
+    store(tmp_path, node_parameters(options_of(), tmp_path))
+    (tmp_path / "run.jsonl").unlink()
+    check_continues(tmp_path, node_parameters(options_of("--method", "mebo"), tmp_path))

@@ -44,5 +44,11 @@ def test_an_unknown_command_is_named_with_the_known_ones(capsys: pytest.CaptureF
     assert all(name in message for name in ("'grasp'", *COMMANDS))
 
 
+def test_without_a_command_all_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 2
+    message = capsys.readouterr().err
+    assert all(f"    {name} " in message or f"    {name}\n" in message for name in COMMANDS)
+
+
 def test_only_the_chosen_command_has_a_function_to_run() -> None:
     assert callable(make_parser("doctor").parse_args(["doctor"]).run)

@@ -1,10 +1,12 @@
-"""The table of grasps shows the figure that was optimized."""
+"""The table of grasps shows the figure that was optimized; the line of progress ends once."""
 
 from __future__ import annotations
 
+import io
+
 import numpy as np
 
-from mebo_grasp.cli.report import HEADER, NOISE_HEADER, grasp_table
+from mebo_grasp.cli.report import HEADER, NOISE_HEADER, ProgressLine, grasp_table
 from mebo_grasp.grasp import Grasp, GraspOutcome, Pose, QualityUnderNoise, StampedGrasp
 
 
@@ -25,3 +27,11 @@ def test_another_metric_has_a_column_in_front_of_the_figures_under_noise() -> No
     assert header.split()[-4:] == ["quality", *NOISE_HEADER.split()]
     assert [row.split()[-4:] for row in rows] == [["1.5e-07", "0.5000", "0.1250", "0.2500"], ["0.75", "-", "-", "-"]]
     assert {len(row) for row in rows} == {len(header)}
+
+
+def test_a_file_is_told_once_that_all_trials_are_done() -> None:
+    stream = io.StringIO()
+    line = ProgressLine(stream)
+    for done in (0, 1, 60, 60, 60):
+        line.show(done, 60, 0.3464, 0.0)
+    assert [text.split()[1] for text in stream.getvalue().splitlines()] == ["0/60", "60/60"]

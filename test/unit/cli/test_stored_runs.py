@@ -131,6 +131,9 @@ def test_best_says_what_blocked_and_by_its_exit_code_that_nothing_is_left(
     out = capsys.readouterr().out
     assert "all 54 grasps" in out
     assert everything in out
+    assert main(["best", str(run_folder), "--occlusion", everything, "--json"]) == 3
+    said = capsys.readouterr()
+    assert (said.out, "all 54 grasps" in said.err) == ("", True)
 
 
 def test_best_by_a_figure_shows_it_and_says_how_many_lack_it(

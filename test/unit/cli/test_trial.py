@@ -48,6 +48,11 @@ def test_all_of_a_trial_is_printed_and_drawn(tmp_path: Path, capsys: pytest.Capt
     assert len(np.unique(colors, axis=0)) > 1000
 
 
+def test_numbers_may_have_exponents(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["trial", "--pose", "-5e-2", "0.056", "-1e-3", "-1.57", "0", "0"]) == 0
+    assert "xyz (-50.00, 56.00, -1.00) mm" in capsys.readouterr().out
+
+
 def test_without_a_pose_the_middle_of_the_position_space_is_tried(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["trial"]) == 0
     assert "outcome  GRASPED" in capsys.readouterr().out
@@ -81,6 +86,9 @@ def test_poses_that_are_none_are_refused(text: str) -> None:
         (["--hand", "claw"], "claw"),
         (["--friction", "-1"], "friction"),
         (["--pose", "1", "2"], "6 (x y z roll pitch yaw)"),
+        (["--position-noise", "0.01"], "give --repeat"),
+        (["--repeat", "3"], "give any of --position-noise"),
+        (["--repeat", "3", "--position-noise", "0.01", "--seed", "-1"], "--seed is -1"),
     ],
 )
 def test_mistakes_end_with_one_line(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:

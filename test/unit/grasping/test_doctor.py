@@ -130,6 +130,18 @@ def test_an_open_surface_is_named(tmp_path: Path) -> None:
     assert "3 open edges" in found.text
 
 
+def test_a_hollow_closed_surface_is_exact_and_nothing_to_warn_of() -> None:
+    found = worst(check_object(TargetObject.from_mesh(trimesh.creation.annulus(0.02, 0.04, 0.1), "ring")), "solid")
+    assert found.level is Level.OK
+    assert "98.5 %" in found.text
+
+
+def test_a_hand_that_the_derived_space_does_not_fit_is_told_so(tmp_path: Path) -> None:
+    (found,) = check_together(gripper(tmp_path), TargetObject.builtin("bottle"), 16)
+    assert found.level is Level.ERROR
+    assert "does not fit this hand's frame" in found.text
+
+
 def test_an_object_far_from_its_origin_is_named() -> None:
     mesh = trimesh.creation.cylinder(0.03, 0.15)
     mesh.apply_translation([3.0, 0.0, 0.0])
