@@ -119,6 +119,7 @@ def _report(definition: Definition, outcome: Outcome, out: Path, command: str) -
     """Write the report of the finished runs and print its tables."""
     if not outcome.results:
         return
+    say(f"making the report of {len(outcome.results)} runs", sys.stderr)
     jobs = {job.key: job for job in definition.jobs}
     runs = [Run.load(jobs[result["key"]], result, out) for result in outcome.results]
     report = write_report(definition, runs, out, command)

@@ -34,6 +34,7 @@ from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.search_space import SearchSpace
 from mebo_grasp.optimization.selection import basins
 from mebo_grasp.optimization.selection.basin_views import View, find_candidates, level_of, look, refine
+from mebo_grasp.optimization.selection.basins import NO_INCUMBENT
 from mebo_grasp.optimization.selection.local_searches import EXPLORATION, LocalSearches, rank_of, steps_from
 from mebo_grasp.optimization.selection.polishing import polish
 from mebo_grasp.optimization.selection.solution_set import slot_values
@@ -44,6 +45,8 @@ SAME_PLACE = 1e-3
 LATE_TURNS = ("refinement", "exploration", "refinement", "polishing")
 REFINED_TURNS = ("exploration", "exploration", "polishing", "polishing")
 """What trials are for, in turn, when the best candidate's basin is confirmed; and when no refinement promises more."""
+IN_VAIN = 0.1
+"""A refinement is in vain if a worse point was tried this much nearer to it than the incumbent."""
 SET_PERIOD, SET_TURN = 3, 2
 """Without a plateau one trial in this many goes to the set of diverse points if their number is given."""
 
@@ -210,6 +213,8 @@ def pick(beliefs: Beliefs, views: list[View], late_turn: int, rng: np.random.Gen
         return point, "search"
     refined = value[:, best].max() <= np.log(view.level.resolution)
     turn = (REFINED_TURNS if refined else LATE_TURNS)[late_turn]
+    if turn == "refinement" and _was_in_vain(view, best, point):
+        turn = "polishing"
     if turn == "polishing":
         first, level = views[0], views[0].level
         known_values = first.belief.U, first.belief.y
@@ -221,3 +226,16 @@ def pick(beliefs: Beliefs, views: list[View], late_turn: int, rng: np.random.Gen
         if np.any(np.isfinite(reach)):
             return view.candidates[int(np.argmax(reach))], "exploration"
     return point, "refinement"
+
+
+def _was_in_vain(view: View, candidate: int, point: FloatArray) -> bool:
+    """Whether a refinement, shape (d,), goes where the model has been wrong: beside a worse point, far from the best.
+
+    Beside a kink a smooth model goes on to promise a summit where there is none, whatever it is told.
+    """
+    incumbent = view.index[candidate]
+    if incumbent == NO_INCUMBENT:
+        return False
+    gaps = np.linalg.norm(view.belief.U - point, axis=1)
+    worse = view.belief.y < view.own[candidate]
+    return bool(np.min(gaps[worse], initial=np.inf) < IN_VAIN * gaps[incumbent])

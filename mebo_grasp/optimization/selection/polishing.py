@@ -15,6 +15,12 @@ from mebo_grasp.grasp import FloatArray
 DIRECTIONS = 16
 FINEST_STEP = 1e-7
 """Steps below this share of the side are not worth a trial."""
+BEHIND = 0.5
+"""Length of the mean of the unit vectors to the neighbours above which they all lie behind a point, on a slope."""
+CONE = 0.5
+"""Cosine of the half angle within which a tried point stands in the way ahead."""
+LONGEST_STRIDE = 4.0
+"""Of a step up a slope, in steps that stay among the neighbours."""
 
 
 def polish(
@@ -29,8 +35,10 @@ def polish(
 
     What an incumbent may gain is taken to be as much as the function falls from it to its 2 d nearest neighbours: on
     a cusp that is about right, on a smooth summit too much. The step is half as far as the 2 d-th of them, so it is
-    halved when about that many trials around have not been better, and goes where the neighbours leave most room; in
-    one dimension that halves the larger side of the bracket.
+    halved when about that many trials around have not been better, and goes where the neighbours leave most room. Where
+    they all lie behind it, the incumbent stands on a slope: then the step goes on uphill, half way to what is tried
+    there but at most ``LONGEST_STRIDE`` times as far, and promises more in proportion. In one dimension both halve the
+    larger side of the bracket.
 
     Args:
         U: tried points, shape (n, d), unit cube.
@@ -49,14 +57,45 @@ def polish(
     own = y[incumbents]
     gain = own - np.mean(y[near[:, 1 : 2 * dim + 1]], axis=1)
     steps = 0.5 * np.take_along_axis(gaps, near, axis=1)[:, 2 * dim]
+    strides = [_uphill(U, i, near[k, 1 : 2 * dim + 1], LONGEST_STRIDE * steps[k]) for k, i in enumerate(incumbents)]
+    lengths = np.linalg.norm(strides, axis=1)
+    on_slope = lengths > steps
+    gain = np.where(on_slope, gain * lengths / np.maximum(steps, 1e-300), gain)
     real = own >= np.max(y[near], axis=1)
-    worth = real & (own + gain >= top) & (gain > resolution) & (steps >= FINEST_STEP)
+    worth = real & (own + gain >= top) & (gain > resolution) & (np.maximum(lengths, steps) >= FINEST_STEP)
     if not np.any(worth):
         return None
     most = int(np.argmax(np.where(worth, gain, -np.inf)))
+    if on_slope[most]:
+        ahead: FloatArray = U[incumbents[most]] + strides[most]
+        return ahead
     directions = rng.standard_normal((DIRECTIONS, dim))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     points = np.clip(U[incumbents[most]] + steps[most] * directions, 0.0, 1.0)
     room = np.min(np.linalg.norm(points[:, None] - U[None], axis=2), axis=1)
     point: FloatArray = points[int(np.argmax(room))]
     return point
+
+
+def _uphill(U: FloatArray, index: int, neighbours: npt.NDArray[np.int64], longest: float) -> FloatArray:
+    """The step, shape (d,), away from neighbours that all lie behind a point; zero if they lie around it.
+
+    Args:
+        U: tried points, shape (n, d), unit cube.
+        index: of the point.
+        neighbours: indices of the nearest ones.
+        longest: length of a step at most.
+    """
+    offsets = U - U[index]
+    lengths = np.linalg.norm(offsets, axis=1)
+    units = offsets / np.where(lengths > 0.0, lengths, 1.0)[:, None]
+    away = -np.mean(units[neighbours], axis=0)
+    length = float(np.linalg.norm(away))
+    if length <= BEHIND:
+        return np.zeros(U.shape[1])
+    away /= length
+    in_the_way = lengths[units @ away > CONE]
+    with np.errstate(divide="ignore"):
+        border = float(np.min(np.where(away > 0.0, 1.0 - U[index], U[index]) / np.abs(away)))
+    half_way = 0.5 * float(np.min(in_the_way, initial=2.0 * border))
+    return away * min(half_way, longest, border)

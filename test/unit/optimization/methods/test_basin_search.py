@@ -89,6 +89,17 @@ def test_all_twelve_optima_of_a_sum_of_cosines():
     assert len(grid) == 12
 
 
+def test_kinked_summits_are_found_to_the_thousandth_though_the_model_promises_more_beside_them():
+    summits = np.array([0.1374, 0.8123])
+
+    def two_cusps(x):
+        return 200.0 - float(np.min([1800.0, 1100.0] * np.abs(x[0] - summits)))
+
+    known = finished(two_cusps, 1, 180, seed=3).observations
+    best = [np.max(known.y[np.abs(known.U[:, 0] - summit) < 0.05]) for summit in summits]
+    assert np.min(best) > 199.999
+
+
 def test_level_is_not_drawn_up_by_trials_that_gather_at_the_top():
     rng = np.random.default_rng(0)
     spread_out, gathered = rng.random((20, 1)), 0.5 + 0.001 * rng.standard_normal((60, 1))

@@ -32,8 +32,37 @@ def test_in_one_dimension_the_larger_side_of_the_bracket_is_halved():
     np.testing.assert_allclose(point, [0.3])
 
 
+@pytest.mark.parametrize(("nearest_ahead", "step"), [(0.4006, 0.0003), (0.5, 0.0004)])
+def test_on_a_slope_it_goes_uphill_half_way_to_what_is_tried_there_or_four_times_as_far(nearest_ahead, step):
+    U = np.array([[0.0], [0.3998], [0.3999], [0.4], [nearest_ahead], [1.0]])
+    y = np.array([0.0, 0.9, 0.95, 1.0, 0.0, 0.0])
+    for seed in range(4):
+        point = polish(U, y, np.array([3]), 0.9, 1e-9, np.random.default_rng(seed))
+        np.testing.assert_allclose(point, [0.4 + step])
+
+
+def test_what_a_slope_promises_grows_with_the_step():
+    U = np.array([[0.0], [0.3998], [0.3999], [0.4], [0.5], [1.0]])
+    y = np.array([0.0, 0.9, 0.95, 1.0, 0.0, 0.0])
+    # It falls by (0.05 + 0.1) / 2 to the neighbours, and the step is four times as long as one among them.
+    assert polish(U, y, np.array([3]), 1.29, 1e-9, np.random.default_rng(0)) is not None
+    assert polish(U, y, np.array([3]), 1.31, 1e-9, np.random.default_rng(0)) is None
+
+
+def test_on_a_slope_in_the_plane_it_goes_away_from_the_neighbours_but_not_out_of_the_cube():
+    behind = 0.01 * np.array([[-1.0, 0.0], [-1.0, 0.5], [-0.5, 0.0], [-0.5, -0.5]])
+    far = np.array([[0.2, 0.1], [0.2, 0.9], [0.4, 0.5], [0.1, 0.5]])
+    for best, reach in (([0.7, 0.5], 0.03), ([0.99, 0.5], 0.01)):
+        U = np.concatenate([[best], best + behind, far])
+        y = np.array([1.0, 0.9, 0.9, 0.95, 0.95, 0.0, 0.0, 0.0, 0.0])
+        point = polish(U, y, np.array([0]), 0.9, 1e-9, np.random.default_rng(0))
+        assert point is not None
+        assert best[0] + 0.4 * reach < point[0] <= best[0] + reach
+        assert abs(point[1] - best[1]) < 0.3 * (point[0] - best[0])
+
+
 def test_the_incumbent_that_may_gain_most_comes_first():
-    U = np.array([[0.0], [0.1], [0.101], [0.102], [0.2], [0.5], [0.55], [0.6], [0.75], [0.8]])
+    U = np.array([[0.0], [0.1], [0.101], [0.102], [0.2], [0.5], [0.55], [0.6], [0.7], [0.8]])
     y = np.array([0.0, 0.5, 1.0, 0.5, 0.0, 0.0, 0.2, 1.0, 0.1, 0.0])
 
     def polished(top, resolution, y=y):
