@@ -66,12 +66,15 @@ def polish(
     if not np.any(worth):
         return None
     most = int(np.argmax(np.where(worth, gain, -np.inf)))
-    if on_slope[most]:
-        ahead: FloatArray = U[incumbents[most]] + strides[most]
-        return ahead
-    directions = rng.standard_normal((DIRECTIONS, dim))
+    best = U[incumbents[most]]
+    return np.clip(best + strides[most], 0.0, 1.0) if on_slope[most] else _beside(best, float(steps[most]), U, rng)
+
+
+def _beside(best: FloatArray, step: float, U: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Of random points a step away from ``best``, shape (d,), the farthest from all tried points U, shape (n, d)."""
+    directions = rng.standard_normal((DIRECTIONS, len(best)))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    points = np.clip(U[incumbents[most]] + steps[most] * directions, 0.0, 1.0)
+    points = np.clip(best + step * directions, 0.0, 1.0)
     room = np.min(np.linalg.norm(points[:, None] - U[None], axis=2), axis=1)
     point: FloatArray = points[int(np.argmax(room))]
     return point
@@ -94,8 +97,7 @@ def _uphill(U: FloatArray, index: int, neighbours: npt.NDArray[np.int64], longes
     if length <= BEHIND:
         return np.zeros(U.shape[1])
     away /= length
-    in_the_way = lengths[units @ away > CONE]
-    with np.errstate(divide="ignore"):
-        border = float(np.min(np.where(away > 0.0, 1.0 - U[index], U[index]) / np.abs(away)))
-    half_way = 0.5 * float(np.min(in_the_way, initial=2.0 * border))
-    return away * min(half_way, longest, border)
+    moving = away != 0.0
+    border = float(np.min((np.where(away > 0.0, 1.0, 0.0) - U[index])[moving] / away[moving]))
+    in_the_way = float(np.min(lengths[units @ away > CONE], initial=np.inf))
+    return away * min(0.5 * in_the_way, longest, border)

@@ -38,6 +38,7 @@ def test_on_a_slope_it_goes_uphill_half_way_to_what_is_tried_there_or_four_times
     y = np.array([0.0, 0.9, 0.95, 1.0, 0.0, 0.0])
     for seed in range(4):
         point = polish(U, y, np.array([3]), 0.9, 1e-9, np.random.default_rng(seed))
+        assert point is not None
         np.testing.assert_allclose(point, [0.4 + step])
 
 
@@ -59,6 +60,16 @@ def test_on_a_slope_in_the_plane_it_goes_away_from_the_neighbours_but_not_out_of
         assert point is not None
         assert best[0] + 0.4 * reach < point[0] <= best[0] + reach
         assert abs(point[1] - best[1]) < 0.3 * (point[0] - best[0])
+
+
+def test_along_the_border_of_the_cube_it_stays_on_it():
+    U = np.array(
+        [[0.5, 0.0], [0.49, 0.0], [0.48, 0.0], [0.47, 0.0], [0.46, 0.0], [0.1, 0.9], [0.9, 0.9], [0.1, 0.5], [0.9, 0.5]]
+    )
+    y = np.array([1.0, 0.9, 0.8, 0.7, 0.6, 0.0, 0.0, 0.0, 0.0])
+    point = polish(U, y, np.array([0]), 0.9, 1e-9, np.random.default_rng(0))
+    assert point is not None
+    np.testing.assert_allclose(point, [0.58, 0.0])
 
 
 def test_the_incumbent_that_may_gain_most_comes_first():
