@@ -25,7 +25,8 @@ HULL_MARGIN = 1e-3
 """Bullet inflates every convex mesh by this much (metres); gaps and points are corrected for it."""
 
 MOST_BODY_FACES = 40_000
-"""Triangles of one body: PyBullet takes no mesh of more than 131,072 vertices or 524,288 corners."""
+"""Triangles of a slice. PyBullet takes no mesh of more than 131,072 vertices or 524,288 corners: a surface of three
+times as many vertices and four times as many triangles is below both, and stays whole."""
 
 
 def surface_pieces(vertices: FloatArray, faces: IntArray) -> list[tuple[FloatArray, IntArray]]:
@@ -124,15 +125,17 @@ class BulletWorld:
         self._error: BaseException | None = None
         self.callback = GAP_CALLBACK(self._answer)
         self._margin_object = HULL_MARGIN if target.solid_parts else 0.0
-        pieces = surface_pieces(np.asarray(target.mesh.vertices), np.asarray(target.mesh.faces))
-        self._bodies = [self._part_body(part) for part in target.solid_parts] or [
-            self._surface_body(*piece) for piece in pieces
-        ]
+        if target.solid_parts:
+            parts = list(target.solid_parts)
+            self._bodies = [self._part_body(part) for part in parts]
+        else:
+            pieces = surface_pieces(np.asarray(target.mesh.vertices), np.asarray(target.mesh.faces))
+            parts = [vertices for vertices, _ in pieces]
+            self._bodies = [self._surface_body(*piece) for piece in pieces]
         self._shapes = [self._hand_shape(shape) for shape in shapes]
         self._T_group_shape = np.ascontiguousarray(T_group_shape)
         self._placed = np.empty(7)
         self._balls = [bounding_radius(shape) for shape in shapes]
-        parts = target.solid_parts or [vertices for vertices, _ in pieces]
         self._lower = np.array([part.min(axis=0) for part in parts])
         self._upper = np.array([part.max(axis=0) for part in parts])
         self._near = np.empty(len(parts), dtype=np.int64)

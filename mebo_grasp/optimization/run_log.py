@@ -98,7 +98,14 @@ class RunLog:
 
     @classmethod
     def append(cls, path: str | os.PathLike[str]) -> RunLog:
-        """Open an existing log to continue it; a torn last line is cut off.
+        """Open an existing log to continue it; see ``reopen``."""
+        return cls.reopen(path)[0]
+
+    @classmethod
+    def reopen(cls, path: str | os.PathLike[str]) -> tuple[RunLog, list[dict[str, Any]]]:
+        """Open an existing log to continue it, and return its records; a torn last line is cut off.
+
+        It is locked before it is read: a process that still writes might add what this one would not know.
 
         Raises:
             RunLogError: the file is absent, is not a run log (it is left as it is), or another process continues it.
@@ -109,16 +116,17 @@ class RunLog:
         except OSError as error:
             raise RunLogError(f"cannot continue the run log {target}: {error}") from error
         try:
-            cls.load(target)
-            log._cut_torn_line()
+            lines = _complete_lines(_read(target))
+            records = _records(lines, target)
+            log._cut(sum(len(line) for line in lines))
         except BaseException:
             log.close()
             raise
-        return log
+        return log, records
 
-    def _cut_torn_line(self) -> None:
+    def _cut(self, size: int) -> None:
         try:
-            self._stream.seek(sum(len(line) for line in _complete_lines(_read(self.path))))
+            self._stream.seek(size)
             self._stream.truncate()
         except OSError as error:
             raise RunLogError(f"cannot continue the run log {self.path}: {error}") from error
@@ -132,14 +140,7 @@ class RunLog:
                 not a record.
         """
         target = Path(path)
-        records = [_record(line, i, target) for i, line in enumerate(_complete_lines(_read(target)))]
-        if not records or records[0].get("kind") != "header":
-            raise RunLogError(
-                f"{target} is not a run log: its first line is no header; name another file, or delete this one"
-            )
-        if records[0].get("format") != FORMAT_VERSION:
-            raise RunLogError(f"{target} has format {records[0].get('format')!r}; this version reads {FORMAT_VERSION}")
-        return records
+        return _records(_complete_lines(_read(target)), target)
 
     @staticmethod
     def seed_of(path: str | os.PathLike[str]) -> int | None:
@@ -189,6 +190,17 @@ def _complete_lines(content: bytes) -> list[bytes]:
         except ValueError:
             lines.pop()
     return lines
+
+
+def _records(lines: list[bytes], path: Path) -> list[dict[str, Any]]:
+    records = [_record(line, i, path) for i, line in enumerate(lines)]
+    if not records or records[0].get("kind") != "header":
+        raise RunLogError(
+            f"{path} is not a run log: its first line is no header; name another file, or delete this one"
+        )
+    if records[0].get("format") != FORMAT_VERSION:
+        raise RunLogError(f"{path} has format {records[0].get('format')!r}; this version reads {FORMAT_VERSION}")
+    return records
 
 
 def _record(line: bytes, index: int, path: Path) -> dict[str, Any]:
@@ -253,10 +265,9 @@ class LoggedOptimizer:
         Raises:
             RunLogError: the log cannot be read, contradicts itself, or another process continues it.
         """
-        # Locked before it is read: a process that still writes might add what this one would not know.
-        log = RunLog.append(path)
+        log, records = RunLog.reopen(path)
         try:
-            return cls(resume(path), log)
+            return cls(_rebuilt(records, path), log)
         except BaseException:
             log.close()
             raise
@@ -323,7 +334,10 @@ def resume(path: str | os.PathLike[str]) -> Optimizer:
     Raises:
         RunLogError: the log cannot be read or contradicts itself.
     """
-    records = RunLog.load(path)
+    return _rebuilt(RunLog.load(path), path)
+
+
+def _rebuilt(records: list[dict[str, Any]], path: str | os.PathLike[str]) -> Optimizer:
     try:
         optimizer = _from_header(records[0])
         for record in records[1:]:

@@ -35,10 +35,10 @@ def polish(
 
     What an incumbent may gain is taken to be as much as the function falls from it to its 2 d nearest neighbours: on
     a cusp that is about right, on a smooth summit too much. The step is half as far as the 2 d-th of them, so it is
-    halved when about that many trials around have not been better, and goes where the neighbours leave most room. Where
-    they all lie behind it, the incumbent stands on a slope: then the step goes on uphill, half way to what is tried
-    there but at most ``LONGEST_STRIDE`` times as far, and promises more in proportion. In one dimension both halve the
-    larger side of the bracket.
+    halved when about that many trials around have not been better, and goes where the neighbours leave most room; in
+    one dimension that halves the larger side of the bracket. Where they all lie behind it, the incumbent stands on a
+    slope: then the step goes on uphill, half way to what is tried there but at most ``LONGEST_STRIDE`` times as far,
+    and promises more in proportion.
 
     Args:
         U: tried points, shape (n, d), unit cube.
@@ -60,7 +60,7 @@ def polish(
     strides = [_uphill(U, i, near[k, 1 : 2 * dim + 1], LONGEST_STRIDE * steps[k]) for k, i in enumerate(incumbents)]
     lengths = np.linalg.norm(strides, axis=1)
     on_slope = lengths > steps
-    gain = np.where(on_slope, gain * lengths / np.maximum(steps, 1e-300), gain)
+    gain[on_slope] = (gain * lengths)[on_slope] / steps[on_slope]
     real = own >= np.max(y[near], axis=1)
     worth = real & (own + gain >= top) & (gain > resolution) & (np.maximum(lengths, steps) >= FINEST_STEP)
     if not np.any(worth):
@@ -89,15 +89,21 @@ def _uphill(U: FloatArray, index: int, neighbours: npt.NDArray[np.int64], longes
         neighbours: indices of the nearest ones.
         longest: length of a step at most.
     """
-    offsets = U - U[index]
-    lengths = np.linalg.norm(offsets, axis=1)
-    units = offsets / np.where(lengths > 0.0, lengths, 1.0)[:, None]
-    away = -np.mean(units[neighbours], axis=0)
+    away = -np.mean(_units(U[neighbours] - U[index]), axis=0)
     length = float(np.linalg.norm(away))
     if length <= BEHIND:
         return np.zeros(U.shape[1])
     away /= length
     moving = away != 0.0
     border = float(np.min((np.where(away > 0.0, 1.0, 0.0) - U[index])[moving] / away[moving]))
-    in_the_way = float(np.min(lengths[units @ away > CONE], initial=np.inf))
+    offsets = U - U[index]
+    ahead = offsets[_units(offsets) @ away > CONE]
+    in_the_way = float(np.min(np.linalg.norm(ahead, axis=1), initial=np.inf))
     return away * min(0.5 * in_the_way, longest, border)
+
+
+def _units(offsets: FloatArray) -> FloatArray:
+    """Offsets, shape (n, d), at length 1; those of length 0 stay."""
+    lengths = np.linalg.norm(offsets, axis=1, keepdims=True)
+    units: FloatArray = offsets / np.where(lengths > 0.0, lengths, 1.0)
+    return units
