@@ -161,8 +161,9 @@ def run_node(make_node: Callable[[], Node]) -> None:
     threadpool_limits(1)
     # rclpy itself ends spin() at SIGINT and SIGTERM, and then calls what stands here. Python's KeyboardInterrupt on
     # top of it could come at any later point, in the middle of closing a database too.
+    stop = StopSignal()
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, StopSignal())
+        signal.signal(number, stop)
     rclpy.init(signal_handler_options=SignalHandlerOptions.ALL)
     end_with_parent()
     node: Node | None = None
@@ -172,7 +173,8 @@ def run_node(make_node: Callable[[], Node]) -> None:
         executor.add_node(node)
         forget_garbage()
         # spin() without a limit can miss the wake-up of a signal on a busy machine and then waits for ever.
-        while rclpy.ok():
+        # One that came before rclpy listened is known to Python alone.
+        while rclpy.ok() and not stop.came:
             executor.spin_once(timeout_sec=LONGEST_WAIT)
     except ExternalShutdownException:
         pass
