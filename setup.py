@@ -43,9 +43,9 @@ setup(
     maintainer_email="maintainers@mebo-grasp.example.org",
     entry_points={
         "console_scripts": [
-            "optimizer_node = mebo_grasp.nodes.optimizer_node:main",
-            "hand_node = mebo_grasp.nodes.hand_node:main",
-            "solution_set_node = mebo_grasp.nodes.solution_set_node:main",
+            "optimizer_node = mebo_grasp.nodes.executables:optimizer_node",
+            "hand_node = mebo_grasp.nodes.executables:hand_node",
+            "solution_set_node = mebo_grasp.nodes.executables:solution_set_node",
             "mebo-grasp = mebo_grasp.cli.main:main",
         ],
     },

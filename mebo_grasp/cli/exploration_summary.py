@@ -31,8 +31,10 @@ def print_summary(
         wanted: number of grasps that the set was to have.
         min_distance: their least distance, metres.
     """
-    if client.standing is None or not client.services_ready():
+    if client.standing is None:
         return ()
+    # The hand may have tried grasps before the solution set node was seen: it must not be stopped without them.
+    client.wait_until(client.services_ready, SETTLE_TIMEOUT, "the solution set node")
     kept = client.solution_set()
     end = time.monotonic() + SETTLE_TIMEOUT
     while kept.stored < client.standing.evaluations and time.monotonic() < end:

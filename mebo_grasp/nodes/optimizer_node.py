@@ -23,7 +23,7 @@ from mebo_grasp.nodes.dispatcher import Assignment, Dispatcher, DispatchSettings
 from mebo_grasp.nodes.exploration_plan import make_plan
 from mebo_grasp.nodes.exploration_report import Pace, diagnostics_msg, status_msg
 from mebo_grasp.nodes.hand_links import HandLinks
-from mebo_grasp.nodes.optimizer_worker import Event, OptimizerWorker, state_of
+from mebo_grasp.nodes.optimizer_worker import Event, OptimizerWorker, Order, state_of
 from mebo_grasp.nodes.parameters import declare
 from mebo_grasp.nodes.runtime import STEADY_CLOCK, guarded, guarded_trigger, run_node
 from mebo_grasp.nodes.settings import OptimizerNodeSettings
@@ -208,9 +208,9 @@ class OptimizerNode(Node):
         if event.error is not None:
             self.get_logger().error(f"optimizer: {type(event.error).__name__}: {event.error}")
             # Asking on would spend the budget on trials that are never sent, or that no log tells of.
-            if event.asked or isinstance(event.error, RunLogError):
+            if event.order is Order.ASK or isinstance(event.error, RunLogError):
                 self._halt(event.error)
-        if event.asked:
+        if event.order is Order.ASK:
             self._asking = False
             self._remember([trial.x for trial in event.trials])
             self._dispatcher.add(event.trials)
@@ -302,7 +302,7 @@ class OptimizerNode(Node):
             state=self._state,
             plan=self._plan,
             progress=self._progress,
-            pending=self._dispatcher.in_flight_count,
+            pending=self._dispatcher.in_flight_count + self._worker.untold,
             seconds_per_trial=self._pace.seconds_per_trial,
             note=self._note(),
         )

@@ -11,6 +11,7 @@ import queue
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import Enum
 
 from mebo_grasp.grasp import FloatArray
 from mebo_grasp.optimization.optimizer import Optimizer, Trial
@@ -38,13 +39,21 @@ class Progress:
     phase: str
 
 
+class Order(Enum):
+    """What the thread is told to do."""
+
+    ASK = "ask"
+    TELL = "tell"
+    OBSERVE = "observe"
+
+
 @dataclass(frozen=True)
 class Event:
     """What one command came to: trials of an ask, or the error that stopped it."""
 
     progress: Progress
+    order: Order
     trials: tuple[Trial, ...] = ()
-    asked: bool = False
     error: Exception | None = None
 
 
@@ -70,35 +79,41 @@ class OptimizerWorker:
         self._on_event = on_event
         self.progress = self._progress()
         """Where the optimization stood before the thread began."""
-        self._commands: queue.SimpleQueue[tuple[Command, bool] | None] = queue.SimpleQueue()
+        self.untold = 0
+        """Tells whose events were not taken yet: ``progress`` does not count them."""
+        self._commands: queue.SimpleQueue[tuple[Order, Command] | None] = queue.SimpleQueue()
         self._events: queue.SimpleQueue[Event] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name="optimizer", daemon=True)
         self._thread.start()
 
     def ask(self, count: int | None = None) -> None:
         """Order the next batch; it comes as an event."""
-        self._commands.put((lambda optimizer: tuple(optimizer.ask(count)), True))
+        self._commands.put((Order.ASK, lambda optimizer: tuple(optimizer.ask(count))))
 
     def tell(self, trial_id: int, value: float) -> None:
         """Pass on the value of a trial."""
-        self._commands.put((lambda optimizer: optimizer.tell(trial_id, value), False))
+        self._give_tell(lambda optimizer: optimizer.tell(trial_id, value))
 
     def tell_failed(self, trial_id: int, reason: str) -> None:
         """Pass on that a trial gave no value."""
-        self._commands.put((lambda optimizer: optimizer.tell_failed(trial_id, reason), False))
+        self._give_tell(lambda optimizer: optimizer.tell_failed(trial_id, reason))
 
     def observe(self, x: FloatArray, value: float) -> None:
         """Pass on a result that somebody else asked for."""
-        self._commands.put((lambda optimizer: optimizer.observe(x, value), False))
+        self._commands.put((Order.OBSERVE, lambda optimizer: optimizer.observe(x, value)))
+
+    def _give_tell(self, command: Command) -> None:
+        self.untold += 1
+        self._commands.put((Order.TELL, command))
 
     def events(self) -> list[Event]:
         """Take every event that has come since the last call."""
         taken: list[Event] = []
-        while True:
-            try:
+        with contextlib.suppress(queue.Empty):
+            while True:
                 taken.append(self._events.get_nowait())
-            except queue.Empty:
-                return taken
+        self.untold -= sum(event.order is Order.TELL for event in taken)
+        return taken
 
     def stop(self, timeout: float = 10.0) -> None:
         """Finish the commands given so far and end the thread."""
@@ -107,15 +122,14 @@ class OptimizerWorker:
 
     def _run(self) -> None:
         while (item := self._commands.get()) is not None:
-            command, asks = item
-            self._events.put(self._execute(command, asks))
+            self._events.put(self._execute(*item))
             self._on_event()
         if isinstance(self._optimizer, LoggedOptimizer):
             # What a full disk did not take was told as the error of its command.
             with contextlib.suppress(OSError):
                 self._optimizer.close()
 
-    def _execute(self, command: Command, asks: bool) -> Event:
+    def _execute(self, order: Order, command: Command) -> Event:
         trials: tuple[Trial, ...] = ()
         error: Exception | None = None
         try:
@@ -123,7 +137,7 @@ class OptimizerWorker:
         except Exception as raised:
             # The thread must outlive a bad tell; the node logs the error.
             error = raised
-        return Event(self._progress(), trials, asks, error)
+        return Event(self._progress(), order, trials, error)
 
     def _progress(self) -> Progress:
         optimizer = state_of(self._optimizer)

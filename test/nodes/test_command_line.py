@@ -101,6 +101,36 @@ def test_ctrl_c_keeps_what_was_found_and_the_same_command_resumes(tmp_path: Path
     assert "--method basin_search, not random and --seed 1, not 9: give the same" in other.stderr
 
 
+HELD_BACK = """
+import os, sys, time
+if "mebo_grasp.nodes.solution_set_node" in sys.orig_argv:
+    while not os.path.exists(os.environ["RELEASE"]):
+        time.sleep(0.01)
+"""
+
+
+@pytest.mark.nodes
+def test_ctrl_c_before_the_solution_set_node_is_up_loses_no_trial(tmp_path: Path) -> None:
+    (tmp_path / "sitecustomize.py").write_text(HELD_BACK)
+    release, log = tmp_path / "release", tmp_path / "run" / "run.jsonl"
+    process = subprocess.Popen(
+        [COMMAND, "explore", "--budget", "150", "--out", str(tmp_path / "run")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": str(tmp_path), "RELEASE": str(release)},
+    )
+    wait_until(lambda: log.exists() and log.read_text().count('"tell"') >= 3)
+    process.send_signal(signal.SIGINT)
+    release.touch()
+    output, errors = process.communicate(timeout=WAIT)
+    assert process.returncode == 130, errors
+    told = log.read_text().count('"tell"')
+    assert f"{told} trials stored" in output
+    with SolutionArchive(tmp_path / "run" / "trials.db", "bottle") as archive:
+        assert len(archive) == told
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [

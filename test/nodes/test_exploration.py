@@ -92,16 +92,18 @@ def test_late_subscribers_get_what_is_latched(scene: Scene, probe: Probe) -> Non
 
 @pytest.mark.parametrize("victim", ["optimizer_node", "hand_node", "solution_set_node"])
 def test_a_killed_node_costs_no_stored_trial(victim: str, launch, probe: Probe, tmp_path: Path) -> None:
-    scene = Scene(launch, probe, tmp_path, budget=90)
+    budget = 150
+    scene = Scene(launch, probe, tmp_path, budget)
     scene.parameters["optimizer_node"]["max_attempts"] = 50  # until a hand is there again, on a busy machine too
+    sets = probe.listen(SolutionSetMsg, "solution_set", qos.LATCHED)
     scene.start()
     scene.wait_for_evaluations(12)
-    stored_before = scene.stored()
-    assert stored_before >= 1
+    stored_before = sets.wait_for(lambda solutions: solutions.stored >= 1).stored
     scene.nodes[victim].kill()
+    assert scene.status.messages[-1].evaluations < budget, "the exploration had ended before the kill"
     scene.start(victim)
     final = scene.wait_until_finished()
-    assert (final.evaluations, final.failed) == (90, 0)
+    assert (final.evaluations, final.failed) == (budget, 0)
     # A trial that was given twice is answered twice: what the probe saw must have come to the archive too.
     wait_until(lambda: scene.stored() >= len(set(stamps_of(scene.qualities.messages))))
     assert all(node.stop() == 0 for node in scene.nodes.values())
