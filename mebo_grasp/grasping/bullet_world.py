@@ -121,7 +121,7 @@ class BulletWorld:
         self._client = pybullet.connect(pybullet.DIRECT)
         # Also of a world that is forgotten without being closed: an object in it takes tens of megabytes.
         self._disconnect = weakref.finalize(self, pybullet.disconnect, physicsClientId=self._client)
-        self._pose = pose
+        self.stand(T_group_shape, pose)
         self._error: BaseException | None = None
         self.callback = GAP_CALLBACK(self._answer)
         self._margin_object = HULL_MARGIN if target.solid_parts else 0.0
@@ -133,13 +133,17 @@ class BulletWorld:
             parts = [vertices for vertices, _ in pieces]
             self._bodies = [self._surface_body(*piece) for piece in pieces]
         self._shapes = [self._hand_shape(shape) for shape in shapes]
-        self._T_group_shape = np.ascontiguousarray(T_group_shape)
         self._placed = np.empty(7)
         self._balls = [bounding_radius(shape) for shape in shapes]
         self._lower = np.array([part.min(axis=0) for part in parts])
         self._upper = np.array([part.max(axis=0) for part in parts])
         self._near = np.empty(len(parts), dtype=np.int64)
         self._margins = [HULL_MARGIN if shape.kind == "mesh" else 0.0 for shape in shapes]
+
+    def stand(self, T_group_shape: FloatArray, pose: FloatArray) -> None:
+        """Take the same shapes at other poses in their groups, and another array for a group's pose."""
+        self._T_group_shape = np.ascontiguousarray(T_group_shape)
+        self._pose = pose
 
     def _part_body(self, part: FloatArray) -> int:
         shape = pybullet.createCollisionShape(pybullet.GEOM_MESH, vertices=part.tolist(), physicsClientId=self._client)

@@ -112,7 +112,7 @@ def build_hand_arrays(hand: HandModel, posture: HandPosture) -> tuple[HandArrays
     check_sizes(hand, len(order))
     T = np.array([poses[shape.link] @ shape.T_link_shape for shape in order])
     shape_group = np.array([groups[shape.link] for shape in order])
-    fields: dict[str, npt.NDArray[Any]] = _chain_fields(hand, values)
+    fields: dict[str, npt.NDArray[Any]] = _chain_fields(hand, values, poses)
     fields |= _sphere_fields(hand, order, T) | _self_fields(order, T)
     fields["shape_group"] = shape_group
     fields["group_shapes"] = np.searchsorted(shape_group, np.arange(static + 2))
@@ -170,13 +170,12 @@ def _joint_pose(joint: UrdfJoint, value: float) -> FloatArray:
     return T
 
 
-def _chain_fields(hand: HandModel, values: dict[str, float]) -> dict[str, FloatArray]:
+def _chain_fields(hand: HandModel, values: dict[str, float], poses: dict[str, FloatArray]) -> dict[str, FloatArray]:
     F = len(hand.fingers)
     fields = {name: np.zeros((F, MOST_JOINTS)) for name in ("speed", "lower", "upper", "start")}
     fields["joint_count"] = np.array([len(finger.joints) for finger in hand.fingers])
     fields["fixed"] = np.tile(np.eye(4), (F, MOST_JOINTS, 1, 1))
     fields["axis"] = np.tile([0.0, 0.0, 1.0], (F, MOST_JOINTS, 1))
-    _, poses = _rigid_groups(hand, values)
     for f, finger in enumerate(hand.fingers):
         for j, name in enumerate(finger.joints):
             joint = hand.urdf.joint(name)

@@ -370,15 +370,24 @@ def exempt_touching_pairs(hand: HandArrays) -> None:
     """Exempt pairs of links that touch in the open hand from the test of the hand against itself."""
     poses = new_poses()[0]
     place_hand(hand, poses, np.eye(4))
-    touching = set()
-    for shape in range(int(hand["shapes"])):
-        for other in hand["pair_other"][hand["pair_start"][shape] : hand["pair_start"][shape + 1]]:
-            if open_hand_gap(hand, poses, shape, int(other)) < FREE_AT_START:
-                touching |= {(shape, int(other)), (int(other), shape)}
-    drop_pairs(hand, touching | never_meeting_pairs(hand))
+    pairs = {(int(shape), int(other)) for shape, other in touching_pairs(hand, poses)}
+    drop_pairs(hand, pairs | {(other, shape) for shape, other in pairs} | never_meeting_pairs(hand))
 
 
 @njit(cache=True)
 def open_hand_gap(hand: HandArrays, poses: HandPoses, shape: int, other: int) -> float:
     """Return the gap between two shapes, the first no box, where the hand now is."""
     return _self_gap(hand, poses, shape, poses.ends[shape], other, np.inf)
+
+
+@njit(cache=True)
+def touching_pairs(hand: HandArrays, poses: HandPoses) -> IntArray:
+    """Return the pairs of shapes that touch where the hand now is, shape (pairs, 2)."""
+    pairs = np.empty((hand.pair_start[hand.shapes], 2), dtype=np.int64)
+    count = 0
+    for shape in range(hand.shapes):
+        for i in range(hand.pair_start[shape], hand.pair_start[shape + 1]):
+            if open_hand_gap(hand, poses, shape, hand.pair_other[i]) < FREE_AT_START:
+                pairs[count, 0], pairs[count, 1] = shape, hand.pair_other[i]
+                count += 1
+    return pairs[:count]

@@ -59,10 +59,11 @@ class GraspSimulator:
         check_limits(self.hand, preshape)
         self._arrays, self._layout = build_hand_arrays(self.hand, preshape)
         exempt_touching_pairs(self._arrays)
-        if self._world is not None:
-            self._world.close()
         engine = np.zeros(1, ENGINE_TYPE)
-        self._world = BulletWorld(self.target, self._layout.shapes, self._layout.T_group_shape, engine["pose"][0])
+        if self._world is None:
+            self._world = BulletWorld(self.target, self._layout.shapes, self._layout.T_group_shape, engine["pose"][0])
+        else:  # a posture moves shapes about, but leaves them and their order as they are
+            self._world.stand(self._layout.T_group_shape, engine["pose"][0])
         engine["kind"] = BULLET if self.settings.engine == "bullet" else FAST
         if self.target.solid_parts:
             rods = [shape.kind in ("capsule", "sphere") for shape in self._layout.shapes]
@@ -80,7 +81,7 @@ class GraspSimulator:
         Args:
             T_object_tcp: pose of the hand's TCP in the object's frame.
             preshape: posture from which the hand closes; joints not named, and all if None, stand at the hand's own
-                preshape. Another one than that of the trial before costs a few milliseconds.
+                preshape. Another one than that of the trial before costs some three milliseconds.
 
         Returns:
             The grasp; its outcome is COLLISION if the open hand overlaps the object, NO_CONTACT if the closed
