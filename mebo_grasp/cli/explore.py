@@ -44,8 +44,8 @@ START_TIMEOUT = 300.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
     parser.description = (
-        "Explores an object with three ROS 2 nodes on this machine. An unfinished run in "
-        "the output folder is resumed. Ctrl-C stops cleanly and keeps what was found."
+        "Explores an object with three ROS 2 nodes on this machine. An unfinished run in the output folder is "
+        "resumed, and a finished one goes on with a higher --budget. Ctrl-C stops cleanly and keeps what was found."
     )
     add_scene_arguments(parser)
     add_trial_arguments(parser)
@@ -123,9 +123,11 @@ def run(options: argparse.Namespace) -> int:
         if options.restart:
             _delete_run(directory)
         parameters = node_parameters(options, directory)
-        check_continues(directory, parameters)
+        raised_from = check_continues(directory, parameters)
         print(f"exploring '{target.object_id}' (ROS_DOMAIN_ID={domain_id}, this machine only)")
         print(f"the run is kept in {directory}")
+        if raised_from is not None:
+            print(f"its budget is raised from {raised_from} to {options.budget} trials")
         for name, values in parameters.items():
             nodes.start(NodeProcess(name, values, directory, domain_id))
         interrupted = not _follow(nodes, client, stop)

@@ -79,20 +79,23 @@ def node_parameters(options: argparse.Namespace, directory: Path) -> dict[str, d
     }
 
 
-def check_continues(directory: Path, parameters: Mapping[str, Mapping[str, object]]) -> None:
+def check_continues(directory: Path, parameters: Mapping[str, Mapping[str, object]]) -> int | None:
     """Refuse to continue a run as another one.
 
     Qualities of trials of another kind could not be compared, and the optimizer's log cannot be resumed with other
-    settings.
+    settings but a higher budget.
 
     Args:
         directory: folder of the run, which may be new.
         parameters: those that the nodes are to be started with, as ``node_parameters`` returns them.
 
+    Returns:
+        The budget that the run had, if it is raised now.
+
     Raises:
         InvalidSettingsError: the folder holds a run made with others; the message names the options.
     """
-    changed = []
+    changed, raised_from = [], None
     for node, options, kept in (
         ("hand_node", HAND_OPTIONS, DATABASE),
         ("optimizer_node", OPTIMIZER_OPTIONS, RUN_LOG),
@@ -107,14 +110,19 @@ def check_continues(directory: Path, parameters: Mapping[str, Mapping[str, objec
                 f"{path} does not say how the trials of this run were made ({error!r}): name another folder by --out, "
                 "or give --restart to begin anew"
             ) from error
+        now = parameters[node]
+        had, has = before.get("budget"), now.get("budget")
+        if isinstance(had, int) and isinstance(has, int) and had < has:
+            raised_from = before.pop("budget")
         # A file of an older version lacks what could not be chosen then.
         changed += [
-            f"--{option} {before[name]}, not {parameters[node][name]}"
+            f"--{option} {before[name]}, not {now[name]}"
             for name, option in options.items()
-            if name in before and before[name] != parameters[node][name]
+            if name in before and before[name] != now[name]
         ]
     if changed:
         raise InvalidSettingsError(
             f"the run in {directory} was made with {' and '.join(changed)}: give the same, name another folder by "
             "--out, or give --restart to begin anew"
         )
+    return raised_from

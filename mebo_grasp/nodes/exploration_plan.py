@@ -91,7 +91,7 @@ class ExplorationPlan:
         return self.pose_space.to_posture(x) if isinstance(self.pose_space, PosturePoseSpace) else None
 
     def open_optimizer(self) -> Optimizer | LoggedOptimizer:
-        """Return a new optimizer, or the one that the run log tells of.
+        """Return a new optimizer, or the one that the run log tells of, with its budget raised to the settings'.
 
         Raises:
             MeboGraspError: a setting is not usable, or the log belongs to another run.
@@ -103,6 +103,7 @@ class ExplorationPlan:
         if path.exists() and path.stat().st_size > 0:
             logged = LoggedOptimizer.resume(path)
             self._check_same_run(logged.optimizer, RunLog.seed_of(path))
+            logged.raise_budget(self.settings.budget)
             return logged
         # A process killed while it created the file leaves an empty one: there is nothing to resume.
         path.unlink(missing_ok=True)
@@ -113,6 +114,8 @@ class ExplorationPlan:
         seed = self.settings.seed if seed is None else seed
         logged = _identity(seed, optimizer.method.name, optimizer.settings, optimizer.space)
         asked = _identity(self.settings.seed, self.settings.method, self.optimizer_settings, self.search_space)
+        if optimizer.settings.budget < self.settings.budget:
+            del logged["budget"]  # may be raised
         differences = [
             f"{name} ({value} in the log, {asked[name]} now)" for name, value in logged.items() if value != asked[name]
         ]

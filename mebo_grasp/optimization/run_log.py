@@ -2,8 +2,8 @@
 
 Line 1 is the header (format, package version, method, settings, space, generator state before the initial
 design). Each ask adds the new trials with the method's state and the generator's state after it; each tell,
-failure and foreign observation adds a line of its own. Every line is flushed before the call returns, so a
-kill loses at most the last line, and a torn last line is dropped on reading.
+failure, foreign observation and raise of the budget adds a line of its own. Every line is flushed before the
+call returns, so a kill loses at most the last line, and a torn last line is dropped on reading.
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ from typing import Any, TextIO
 import numpy as np
 import numpy.typing as npt
 
-from mebo_grasp.errors import MeboGraspError, RunLogError
+from mebo_grasp.errors import InvalidSettingsError, MeboGraspError, RunLogError
 from mebo_grasp.optimization.methods.base import DEFAULT_METHOD
 from mebo_grasp.optimization.optimizer import Incumbent, Optimizer, OptimizerSettings, Trial
 from mebo_grasp.optimization.search_space import SearchSpace
 
 FORMAT_VERSION = 1
 NOTE = "note"
+BUDGET = "budget"
 
 
 def _package_version() -> str:
@@ -305,6 +306,25 @@ class LoggedOptimizer:
         self.optimizer.observe(x, value)
         self.log.write({"kind": "observe", "x": np.asarray(x).tolist(), "value": float(value)})
 
+    def raise_budget(self, budget: int) -> None:
+        """Allow more trials: the run goes on from where it stands.
+
+        Methods that plan by shares of the budget count by the new one, so that the trace is not that of a run which
+        had it from the beginning.
+
+        Args:
+            budget: trials in all.
+
+        Raises:
+            InvalidSettingsError: it is below the run's own.
+        """
+        known = self.optimizer.settings.budget
+        if budget < known:
+            raise InvalidSettingsError(f"the budget of a run can be raised only: it is {known}, got {budget}")
+        if budget > known:
+            self.log.write({"kind": BUDGET, "budget": int(budget)})
+            self.optimizer = resume(self.log.path)
+
     def note(self, content: dict[str, Any]) -> None:
         """Write down something about the run, as JSON values, that does not bear on how it continues."""
         self.log.write({**content, "kind": NOTE})
@@ -339,7 +359,7 @@ def resume(path: str | os.PathLike[str]) -> Optimizer:
 
 def _rebuilt(records: list[dict[str, Any]], path: str | os.PathLike[str]) -> Optimizer:
     try:
-        optimizer = _from_header(records[0])
+        optimizer = _from_header(_with_last_budget(records))
         for record in records[1:]:
             _replay(optimizer, record)
     except RunLogError:
@@ -347,6 +367,13 @@ def _rebuilt(records: list[dict[str, Any]], path: str | os.PathLike[str]) -> Opt
     except (MeboGraspError, KeyError, TypeError, ValueError, AttributeError) as error:
         raise RunLogError(f"the run log {path} contradicts itself: {error!r}") from error
     return optimizer
+
+
+def _with_last_budget(records: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the header of a run with the budget that it was raised to."""
+    budgets = [record["budget"] for record in records if record.get("kind") == BUDGET]
+    header = records[0]
+    return header | {"settings": header["settings"] | {"budget": budgets[-1]}} if budgets else header
 
 
 def _from_header(header: dict[str, Any]) -> Optimizer:
@@ -377,7 +404,7 @@ def _replay(optimizer: Optimizer, record: dict[str, Any]) -> None:
         optimizer.tell_failed(record["id"], record["reason"])
     elif kind == "observe":
         optimizer.observe(record["x"], record["value"])
-    elif kind != NOTE:
+    elif kind not in (NOTE, BUDGET):
         raise RunLogError(f"unknown kind of record: {kind!r}")
 
 

@@ -96,6 +96,14 @@ def test_ctrl_c_keeps_what_was_found_and_the_same_command_resumes(tmp_path: Path
     finished = run(*arguments[1:])
     assert finished.returncode == 0, finished.stderr
     assert finished.stderr.count("150/150 trials") == 1
+    more = run(*arguments[1:], "--budget", "160")
+    assert more.returncode == 0, more.stderr
+    assert "its budget is raised from 150 to 160 trials" in more.stdout
+    assert "160/160 trials" in more.stderr
+    less = run(*arguments[1:])
+    assert less.returncode == 2
+    assert "--budget 160, not 150" in less.stderr
+    arguments += ["--budget", "160"]
     other = run(*arguments[1:], "--seed", "9", "--method", "random")
     assert other.returncode == 2
     assert "--method basin_search, not random and --seed 1, not 9: give the same" in other.stderr

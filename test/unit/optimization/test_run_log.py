@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from mebo_grasp.errors import RunLogError
+from mebo_grasp.errors import InvalidSettingsError, RunLogError
 from mebo_grasp.optimization.optimizer import OptimizerSettings
 from mebo_grasp.optimization.run_log import LoggedOptimizer, RunLog, resume
 from mebo_grasp.optimization.search_space import SearchSpace
@@ -49,6 +49,39 @@ def test_killed_at_every_line_it_resumes_to_the_same_trace(tmp_path):
         finish(run)
         run.close()
         assert path.read_bytes() == content, f"killed after line {kept}"
+
+
+@pytest.mark.parametrize("method", ["mebo", "cl_mebo", "robot", "basin_search"])
+def test_a_finished_run_goes_on_with_a_higher_budget_and_resumes_to_the_same_trace(tmp_path, method):
+    begun = full_run(tmp_path / "run.jsonl", method, budget=14)
+    run = LoggedOptimizer.resume(tmp_path / "run.jsonl")
+    run.raise_budget(14)
+    assert run.finished
+    run.raise_budget(23)
+    assert run.optimizer.settings.budget == 23
+    finish(run)
+    run.close()
+    content = (tmp_path / "run.jsonl").read_bytes()
+    assert content.startswith(begun)
+    assert run.optimizer.n_asked == 23
+
+    raised = begun.count(b"\n") + 1
+    lines = content.splitlines(keepends=True)
+    for kept in range(raised, len(lines), 3):
+        path = tmp_path / f"{kept}.jsonl"
+        path.write_bytes(b"".join(lines[:kept]))
+        again = LoggedOptimizer.resume(path)
+        finish(again)
+        again.close()
+        assert path.read_bytes() == content, f"killed after line {kept}"
+
+
+def test_a_budget_is_not_lowered(tmp_path):
+    run = LoggedOptimizer.create(tmp_path / "run.jsonl", SPACE, "mebo", OptimizerSettings(budget=8, n_initial=8), 3)
+    content = (tmp_path / "run.jsonl").read_bytes()
+    with pytest.raises(InvalidSettingsError, match="it is 8, got 7"):
+        run.raise_budget(7)
+    assert (tmp_path / "run.jsonl").read_bytes() == content
 
 
 def test_a_log_that_is_being_written_is_not_continued_by_another(tmp_path):
