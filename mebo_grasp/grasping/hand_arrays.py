@@ -6,6 +6,7 @@ Groups are rigid bodies: group ``f * MOST_JOINTS + j`` moves with closing joint 
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy.typing as npt
 from mebo_grasp.errors import InvalidHandError
 from mebo_grasp.grasp import HandPosture
 from mebo_grasp.grasping.hand_model import HandModel
-from mebo_grasp.grasping.shape_cover import covering_spheres
+from mebo_grasp.grasping.shape_cover import SHAPES_REMEMBERED, covering_spheres
 from mebo_grasp.grasping.urdf import LinkShape, UrdfJoint
 
 FloatArray = npt.NDArray[np.float64]
@@ -223,6 +224,7 @@ def _self_fields(shapes: list[LinkShape], T: FloatArray) -> dict[str, FloatArray
     return {"ends": ends, "radius": radius, "kind": kind, "box": box, "ball": ball}
 
 
+@lru_cache(SHAPES_REMEMBERED)
 def _capsule_of(shape: LinkShape) -> tuple[FloatArray, float, FloatArray]:
     """Return half axis, radius and centre of a capsule that stands for a shape in its own frame."""
     if shape.kind == "capsule":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -17,10 +18,19 @@ BOX_SPHERE_SPACING = 0.012
 MOST_BOX_SPHERES_ALONG = 16
 """Longer boxes get larger spheres; in a hand they come from a wrong unit, and would fill the memory."""
 SLICES_OF_MESH = 5
+SHAPES_REMEMBERED = 256
+"""A few hands; the largest allowed has 64 shapes."""
 
 
 def covering_spheres(shape: LinkShape, T_group_shape: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return centres, shape (n, 3), in the group frame and radii (n,) of spheres whose union holds the shape."""
+    centers, radii = _own_spheres(shape)
+    return centers @ T_group_shape[:3, :3].T + T_group_shape[:3, 3], radii
+
+
+@lru_cache(SHAPES_REMEMBERED)
+def _own_spheres(shape: LinkShape) -> tuple[FloatArray, FloatArray]:
+    """Return the same in the shape's own frame: a posture moves a shape, but its hull takes milliseconds."""
     if shape.kind == "sphere":
         centers, radii = np.zeros((1, 3)), np.array([shape.dims[0]])
     elif shape.kind == "capsule":
@@ -32,8 +42,8 @@ def covering_spheres(shape: LinkShape, T_group_shape: FloatArray) -> tuple[Float
         centers, radii = _box_spheres(np.array(shape.dims))
     else:
         centers, radii = _mesh_spheres(np.asarray(shape.vertices))
-    placed = centers @ T_group_shape[:3, :3].T + T_group_shape[:3, 3]
-    return placed, radii
+    centers.flags.writeable = radii.flags.writeable = False
+    return centers, radii
 
 
 def _rod(span: float, radius: float, spacing: float) -> tuple[FloatArray, FloatArray]:
