@@ -76,12 +76,18 @@ class Box:
         return out
 
     def direction(self, place: Place, curvature: FloatArray) -> FloatArray:
-        """The quasi-Newton step, shape (p,), of the parameters that are not held by the box."""
+        """The quasi-Newton step, shape (p,), of the parameters that are not held by the box.
+
+        0 where there is none, since rounding has left the curvature without an inverse.
+        """
         free = self.downhill(place) != 0.0
         step = np.zeros(len(place.x))
         while np.any(free):
             step[:] = 0.0
-            step[free] = -np.linalg.solve(curvature[np.ix_(free, free)], place.gradient[free])
+            try:
+                step[free] = -np.linalg.solve(curvature[np.ix_(free, free)], place.gradient[free])
+            except np.linalg.LinAlgError:
+                break
             held = self._leads_out(place.x, step)
             if not np.any(held):
                 break

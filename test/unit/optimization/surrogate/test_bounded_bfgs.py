@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from mebo_grasp.optimization.initial_design import latin_hypercube
+from mebo_grasp.optimization.surrogate import bounded_bfgs
 from mebo_grasp.optimization.surrogate.additive import ADDITIVE_MATERN52
 from mebo_grasp.optimization.surrogate.bounded_bfgs import minimize_in_box
 from mebo_grasp.optimization.surrogate.family import Structure, climb, prior_of, screened
@@ -107,3 +108,12 @@ def test_climb_of_a_stretched_member_ends_where_nothing_more_is_gained():
         again, gained = climb(structure.kernel, U, z, vector, 60)
         assert gained - value < 0.1
         assert np.all((again >= prior.lower) & (again <= prior.upper))
+
+
+def test_a_curvature_that_rounding_spoilt_is_given_up(monkeypatch):
+    """An update that leaves no inverse ended a run of the default method by numpy's error."""
+    monkeypatch.setattr(bounded_bfgs, "_updated", lambda curvature, *_: np.zeros_like(curvature))
+    loss = quadratic(np.diag([1.0, 2.0]), np.zeros(2))
+    end, value = minimize_in_box(loss, np.array([3.0, 1.0]), np.full(2, -5.0), np.full(2, 5.0), 100)
+    assert value == pytest.approx(loss(end)[0])
+    assert value < 0.01 * loss(np.array([3.0, 1.0]))[0]
