@@ -93,7 +93,7 @@ def test_executables_and_parameter_files_of_the_readme_exist() -> None:
     runs = re.findall(r"ros2 run mebo_grasp (\w+) --ros-args --params-file src/mebo_grasp/(\S+) &", README)
     assert len(runs) == 3
     for executable, parameters in runs:
-        assert f'"{executable} = mebo_grasp.nodes.{executable}:main"' in setup
+        assert f'"{executable} = mebo_grasp.nodes.executables:{executable}"' in setup
         assert (root / parameters).is_file()
 
 

@@ -22,7 +22,7 @@ OTHERS = {
     "object": "mug", "scale": "0.5", "concave": "parts", "hand": "icub_right", "metric": "volume",
     "engine": "fast", "friction": "0.7", "edges": "6", "contact": "soft",
     "space": "pose", "method": "mebo", "kernel": "evidence", "warp": "kumaraswamy", "learning": "mcmc",
-    "surrogate": "treed_gp", "position-noise": "0.01", "rotation-noise": "0.2", "seed": "2", "budget": "300",
+    "surrogate": "treed_gp", "position-noise": "0.01", "rotation-noise": "0.2", "seed": "2", "budget": "200",
     "initial": "30", "size": "5", "min-distance": "0.03",
 }  # fmt: skip
 
@@ -58,6 +58,12 @@ def test_a_run_is_continued_with_the_same_kind_of_trials_and_the_same_settings_o
     check_continues(tmp_path, before)
     with pytest.raises(InvalidSettingsError, match=f"--{option} .*, not {OTHERS[option]}: .*--restart"):
         check_continues(tmp_path, other)
+
+
+def test_a_budget_may_be_raised(tmp_path: Path) -> None:
+    store(tmp_path, node_parameters(options_of("--budget", "100"), tmp_path))
+    assert check_continues(tmp_path, node_parameters(options_of("--budget", "100"), tmp_path)) is None
+    assert check_continues(tmp_path, node_parameters(options_of("--budget", "300"), tmp_path)) == 100
 
 
 def test_a_run_of_before_there_was_a_choice_is_continued(tmp_path: Path) -> None:
