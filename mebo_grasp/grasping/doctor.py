@@ -19,7 +19,7 @@ from mebo_grasp.errors import MeboGraspError
 from mebo_grasp.grasp import GraspOutcome, HandPosture
 from mebo_grasp.grasping.hand_arrays import build_hand_arrays
 from mebo_grasp.grasping.hand_model import HAND_NAMES, HandModel, PlacedShape
-from mebo_grasp.grasping.hand_motion import new_poses, open_hand_gap, place_hand
+from mebo_grasp.grasping.hand_motion import new_poses, pairs_nearer, place_hand
 from mebo_grasp.grasping.icub_meshes import meshes_folder
 from mebo_grasp.grasping.pose_space import position_space
 from mebo_grasp.grasping.shape_cover import covering_spheres
@@ -209,13 +209,9 @@ def open_hand_overlaps(hand: HandModel) -> list[tuple[str, str, float]]:
     poses = new_poses()[0]
     place_hand(arrays, poses, np.eye(4))
     found: dict[tuple[str, str], float] = {}
-    for shape in range(int(arrays["shapes"])):
-        for other in arrays["pair_other"][arrays["pair_start"][shape] : arrays["pair_start"][shape + 1]]:
-            gap = float(open_hand_gap(arrays, poses, shape, int(other)))
-            links = sorted((layout.shapes[shape].link, layout.shapes[int(other)].link))
-            if gap < OVERLAP:
-                key = (links[0], links[1])
-                found[key] = min(gap, found.get(key, 0.0))
+    for (shape, other), gap in zip(*pairs_nearer(arrays, poses, OVERLAP), strict=True):
+        first, second = sorted((layout.shapes[shape].link, layout.shapes[other].link))
+        found[first, second] = min(float(gap), found.get((first, second), 0.0))
     return [(first, second, gap) for (first, second), gap in sorted(found.items())]
 
 

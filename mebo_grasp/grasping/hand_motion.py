@@ -370,7 +370,7 @@ def exempt_touching_pairs(hand: HandArrays) -> None:
     """Exempt pairs of links that touch in the open hand from the test of the hand against itself."""
     poses = new_poses()[0]
     place_hand(hand, poses, np.eye(4))
-    pairs = {(int(shape), int(other)) for shape, other in touching_pairs(hand, poses)}
+    pairs = {(int(shape), int(other)) for shape, other in pairs_nearer(hand, poses, FREE_AT_START)[0]}
     drop_pairs(hand, pairs | {(other, shape) for shape, other in pairs} | never_meeting_pairs(hand))
 
 
@@ -381,13 +381,15 @@ def open_hand_gap(hand: HandArrays, poses: HandPoses, shape: int, other: int) ->
 
 
 @njit(cache=True)
-def touching_pairs(hand: HandArrays, poses: HandPoses) -> IntArray:
-    """Return the pairs of shapes that touch where the hand now is, shape (pairs, 2)."""
-    pairs = np.empty((hand.pair_start[hand.shapes], 2), dtype=np.int64)
+def pairs_nearer(hand: HandArrays, poses: HandPoses, gap: float) -> tuple[IntArray, FloatArray]:
+    """Return the tested pairs of shapes nearer than ``gap`` metres to each other, shape (n, 2), and their gaps (n,)."""
+    tested = hand.pair_start[hand.shapes]
+    pairs, gaps = np.empty((tested, 2), dtype=np.int64), np.empty(tested)
     count = 0
     for shape in range(hand.shapes):
         for i in range(hand.pair_start[shape], hand.pair_start[shape + 1]):
-            if open_hand_gap(hand, poses, shape, hand.pair_other[i]) < FREE_AT_START:
+            gaps[count] = open_hand_gap(hand, poses, shape, hand.pair_other[i])
+            if gaps[count] < gap:
                 pairs[count, 0], pairs[count, 1] = shape, hand.pair_other[i]
                 count += 1
-    return pairs[:count]
+    return pairs[:count], gaps[:count]

@@ -18,8 +18,9 @@ from mebo_grasp.grasping.posture_space import PosturePoseSpace, pose_posture_spa
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.nodes.settings import OptimizerNodeSettings
 from mebo_grasp.optimization.input_noise import InputNoise
+from mebo_grasp.optimization.logged_optimizer import LoggedOptimizer
 from mebo_grasp.optimization.optimizer import Optimizer, OptimizerSettings
-from mebo_grasp.optimization.run_log import LoggedOptimizer, RunLog
+from mebo_grasp.optimization.run_log import RunLog
 from mebo_grasp.optimization.search_space import SearchSpace
 
 SAME_POSE = 1e-6
@@ -114,8 +115,6 @@ class ExplorationPlan:
         seed = self.settings.seed if seed is None else seed
         logged = _identity(seed, optimizer.method.name, optimizer.settings, optimizer.space)
         asked = _identity(self.settings.seed, self.settings.method, self.optimizer_settings, self.search_space)
-        if optimizer.settings.budget < self.settings.budget:
-            del logged["budget"]  # may be raised
         differences = [
             f"{name} ({value} in the log, {asked[name]} now)" for name, value in logged.items() if value != asked[name]
         ]
@@ -158,11 +157,13 @@ class ExplorationPlan:
 
 
 def _identity(seed: int, method: str, settings: OptimizerSettings, space: SearchSpace) -> dict[str, object]:
-    """Return by name what two runs must have in common to be one."""
+    """Return by name what two runs must have in common to be one; not the budget, which may be raised."""
+    common = asdict(settings)
+    del common["budget"]
     return {
         "method": method,
         "seed": seed,
-        **asdict(settings),
+        **common,
         "space": list(space.names),
         "lower_bounds": space.lower.tolist(),
         "upper_bounds": space.upper.tolist(),

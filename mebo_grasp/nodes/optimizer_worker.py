@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from enum import Enum
 
 from mebo_grasp.grasp import FloatArray
+from mebo_grasp.optimization.logged_optimizer import LoggedOptimizer
 from mebo_grasp.optimization.optimizer import Optimizer, Trial
-from mebo_grasp.optimization.run_log import LoggedOptimizer
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
+from mebo_grasp.optimization.logged_optimizer import LoggedOptimizer
 from mebo_grasp.optimization.methods.registry import METHOD_NAMES, make_method
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.optimizer import Optimizer, OptimizerSettings
-from mebo_grasp.optimization.run_log import LoggedOptimizer
 from mebo_grasp.optimization.search_space import SearchSpace
 
 pytestmark = pytest.mark.parametrize("name", METHOD_NAMES)

@@ -5,9 +5,9 @@ import pytest
 
 from mebo_grasp.errors import InvalidSettingsError
 from mebo_grasp.optimization.input_noise import InputNoise
+from mebo_grasp.optimization.logged_optimizer import LoggedOptimizer
 from mebo_grasp.optimization.methods.registry import METHOD_NAMES, WITHOUT_SURROGATE, make_method
 from mebo_grasp.optimization.optimizer import Optimizer, OptimizerSettings
-from mebo_grasp.optimization.run_log import LoggedOptimizer
 from mebo_grasp.optimization.search_space import SearchSpace
 
 SAFE_METHODS = [name for name in METHOD_NAMES if name not in WITHOUT_SURROGATE]

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from mebo_grasp.errors import InvalidSettingsError
+from mebo_grasp.optimization.logged_optimizer import LoggedOptimizer
 from mebo_grasp.optimization.methods.base import KERNEL_NAMES, LEARNING_NAMES, WARP_NAMES, MethodSettings
 from mebo_grasp.optimization.methods.registry import METHOD_NAMES, WITHOUT_CHOICE, make_method
 from mebo_grasp.optimization.methods.surrogate_choice import make_surrogate
 from mebo_grasp.optimization.observations import Observations
 from mebo_grasp.optimization.optimizer import OptimizerSettings
-from mebo_grasp.optimization.run_log import LoggedOptimizer
 from mebo_grasp.optimization.search_space import SearchSpace
 from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
 from mebo_grasp.optimization.surrogate.mixture import MixtureProcess

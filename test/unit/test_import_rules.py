@@ -81,7 +81,7 @@ ROOMS = (
     *_layers(
         OPTIMIZATION,
         (*GROUND, *LEAVES, INPUT_NOISE),
-        ("surrogate", "acquisition", "selection", "methods", "optimizer", "run_log"),
+        ("surrogate", "acquisition", "selection", "methods", "optimizer", "run_log", "logged_optimizer"),
     ),
     Room("mebo_grasp.grasping", GROUND, (BULLET,)),
     Room("mebo_grasp.solutions", GROUND),

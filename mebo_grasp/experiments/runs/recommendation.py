@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mebo_grasp.experiments.objective import Evaluator, NoisyOutcome, Recommendation
-from mebo_grasp.optimization.run_log import LoggedOptimizer
+from mebo_grasp.optimization.logged_optimizer import LoggedOptimizer
 
 _WHAT = "recommended"
 

@@ -29,9 +29,10 @@ from mebo_grasp.experiments.runs.protocol import settings_of
 from mebo_grasp.experiments.runs.recommendation import RecommendationJudge
 from mebo_grasp.experiments.runs.run_trace import read_trace
 from mebo_grasp.grasp import FloatArray
+from mebo_grasp.optimization.logged_optimizer import LoggedOptimizer
 from mebo_grasp.optimization.methods.base import MethodSettings
 from mebo_grasp.optimization.optimizer import INITIAL_PHASE, Optimizer, Trial
-from mebo_grasp.optimization.run_log import LoggedOptimizer, RunLog
+from mebo_grasp.optimization.run_log import RunLog
 from mebo_grasp.optimization.search_space import SearchSpace
 
 StopCheck = Callable[[], bool]

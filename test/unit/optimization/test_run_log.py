@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from mebo_grasp.errors import InvalidSettingsError, RunLogError
+from mebo_grasp.optimization.logged_optimizer import LoggedOptimizer, resume
 from mebo_grasp.optimization.optimizer import OptimizerSettings
-from mebo_grasp.optimization.run_log import LoggedOptimizer, RunLog, resume
+from mebo_grasp.optimization.run_log import RunLog
 from mebo_grasp.optimization.search_space import SearchSpace
 
 SPACE = SearchSpace(("x", "y"), np.full(2, -6.0), np.full(2, 6.0), ("m", "m"))
