@@ -156,7 +156,7 @@ class LoggedOptimizer:
         known = self.optimizer.settings.budget
         if budget < known:
             raise InvalidSettingsError(
-                f"the budget of a run can be raised only: it is {known}, got {budget}: give that at least, or another log"
+                f"a budget can only be raised: it is {known}, got {budget}; give at least that, or another log"
             )
         if budget > known:
             self.log.write({"kind": BUDGET, "budget": int(budget)})
