@@ -31,7 +31,7 @@ def print_summary(
         wanted: number of grasps that the set was to have.
         min_distance: their least distance, metres.
     """
-    if client.standing is None:
+    if client.standing is None or (client.standing.evaluations == 0 and not client.services_ready()):
         return ()
     # The hand may have tried grasps before the solution set node was seen: it must not be stopped without them.
     client.wait_until(client.services_ready, SETTLE_TIMEOUT, "the solution set node")

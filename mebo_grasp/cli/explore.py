@@ -39,6 +39,8 @@ from mebo_grasp.optimization.methods.registry import DEFAULT_METHOD, METHOD_NAME
 
 START_TIMEOUT = 300.0
 """Seconds until the nodes must be up; a first start compiles, on a busy machine for minutes."""
+STATUS_TIMEOUT = 10.0
+"""Seconds that an exploration which is stopped while it starts waits for the optimizer's first word."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -225,9 +227,18 @@ def _follow(nodes: NodeGroup, client: ExplorationClient, stop: threading.Event) 
     line.end()
     if stop.is_set():
         print("stopping; what was found is kept")
-        if client.standing is not None and client.standing.exploring:
-            client.pause()
+        _pause(nodes, client)
     return not stop.is_set()
+
+
+def _pause(nodes: NodeGroup, client: ExplorationClient) -> None:
+    """Let no trial be under way; an optimizer that says nothing is not up yet and has asked for none."""
+    end = time.monotonic() + STATUS_TIMEOUT
+    while client.standing is None and time.monotonic() < end:
+        nodes.check()
+        client.spin(0.1)
+    if client.standing is not None and client.standing.exploring:
+        client.pause()
 
 
 def _show(line: ProgressLine, now: Standing) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -16,7 +15,7 @@ from mebo_grasp.errors import MeboGraspError
 from mebo_grasp.nodes.runtime import PARENT_VARIABLE
 
 STOP_TIMEOUT = 10.0
-"""Seconds that a node has to end after SIGINT before it is killed."""
+"""Seconds that a node has to end after SIGTERM before it is killed."""
 
 Parameters = Mapping[str, object]
 
@@ -79,7 +78,8 @@ class NodeProcess:
     def request_stop(self) -> None:
         """Ask the process to end."""
         if self._process.poll() is None:
-            self._process.send_signal(signal.SIGINT)
+            # Not SIGINT: a node of an exploration in a shell's background ignores that one until it has its handler.
+            self._process.terminate()
 
     def stop(self) -> None:
         """Wait for the process to end; kill it when it does not."""

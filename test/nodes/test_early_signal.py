@@ -24,10 +24,8 @@ def test_a_signal_before_rclpy_listens_ends_the_node() -> None:
     assert subprocess.run([sys.executable, "-c", SIGNALLED_BEFORE_INIT], timeout=WAIT, check=False).returncode == 0
 
 
-# A shell without a terminal has its background jobs ignore the signal; Python then leaves it ignored.
 SIGNALLED_WHILE_IMPORTED = """
 import os, signal, sys
-signal.signal(signal.SIGINT, signal.default_int_handler)
 class SignalFinder:
     def find_spec(self, name, path, target=None):
         if name == "mebo_grasp.grasping":

@@ -115,17 +115,20 @@ def test_a_killed_node_costs_no_stored_trial(victim: str, launch, probe: Probe, 
 
 
 def test_a_resumed_run_goes_where_an_uninterrupted_one_goes(launch, probe: Probe, tmp_path: Path) -> None:
+    budget = 120
+
     def poses(folder: str, interrupt: bool) -> list[tuple[float, float, float]]:
         (tmp_path / folder).mkdir()
-        scene = Scene(launch, probe, tmp_path / folder, budget=60)
+        scene = Scene(launch, probe, tmp_path / folder, budget)
         scene.start("hand_node", "optimizer_node")
         if interrupt:
             scene.wait_for_evaluations(34)
             scene.nodes["optimizer_node"].kill()
+            assert scene.status.messages[-1].evaluations < budget, "the exploration had ended before the kill"
             scene.start("optimizer_node")
         scene.wait_until_finished()
         # The optimizer may have its last answer before the probe has it: the hand must not go before.
-        wait_until(lambda: len(distinct(scene)) >= 60)
+        wait_until(lambda: len(distinct(scene)) >= budget)
         assert all(node.stop() == 0 for node in scene.nodes.values())
         return distinct(scene)
 
@@ -135,7 +138,7 @@ def test_a_resumed_run_goes_where_an_uninterrupted_one_goes(launch, probe: Probe
 
     whole = poses("whole", interrupt=False)
     resumed = poses("resumed", interrupt=True)
-    assert len(whole) == 60
+    assert len(whole) == budget
     assert set(resumed) == set(whole)
 
 
