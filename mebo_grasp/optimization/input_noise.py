@@ -27,9 +27,9 @@ class InputNoise:
             numbers. In ``pose``: the standard deviation of lengths [m] and of angles [rad]; dimensions
             with another unit are taken as exact.
         unit: one of ``UNITS``.
-        kappa: parameter k of the unscented transform; None for 3 - d, but at least 1. With 3 - d it is exact to the
-            fourth moments of one axis, and from 1 on no weight is negative and the point itself counts. The default
-            method draws the noise instead and needs no k.
+        kappa: parameter k of the unscented transform; None for 3 - d, but at least 0, so that no weight is negative,
+            and at most 1, so that in one dimension the point itself counts no more than its two neighbours. The
+            default method draws the noise instead and needs no k.
 
     Raises:
         InvalidSettingsError: unknown unit, no values, a value that is not finite, a negative deviation, or a

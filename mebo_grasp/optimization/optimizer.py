@@ -142,7 +142,7 @@ class Optimizer:
     def safe_incumbent(self) -> Incumbent | None:
         """The observed point with the highest expected value under input noise (UBO paper, eq. 15).
 
-        The default method takes that with the least spread of those which it cannot tell from the best one.
+        The default method takes a share of the standard deviation off the expected value.
         None before the first value, and unless the run is safe.
         """
         if not self._observations.n:

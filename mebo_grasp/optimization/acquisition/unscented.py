@@ -47,14 +47,14 @@ class UnscentedTransform:
 
         Args:
             covariance: symmetric, not negative; directions without noise are allowed.
-            kappa: k; None for 3 - d, at least 1.
+            kappa: k; None for 1 in one and two dimensions and 0 in more.
 
         Raises:
             InvalidSettingsError: d + k is not above 0.
         """
         matrix = np.asarray(covariance, dtype=np.float64)
         dim = len(matrix)
-        k = max(3.0 - dim, 1.0) if kappa is None else kappa
+        k = float(np.clip(3.0 - dim, 0.0, 1.0)) if kappa is None else kappa
         if not dim + k > 0.0:
             raise InvalidSettingsError(f"kappa must be above -{dim} in {dim} dimensions, got {k}")
         # The symmetric root exists where Cholesky's does not: for directions without noise.

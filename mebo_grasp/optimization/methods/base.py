@@ -186,8 +186,8 @@ class Outcomes:
         expected: expected value, shape (n,), units of y.
         sd: its standard deviation over executions, shape (n,).
         worst: worst value at the sigma points, shape (n,).
-        ranking: by what solutions are ranked, shape (n,), a larger one first: the expected value, but for what a
-            method cannot tell apart.
+        ranking: by what solutions are ranked, shape (n,), a larger one first: the expected value, less what a method
+            takes off for the standard deviation.
     """
 
     expected: FloatArray

@@ -17,7 +17,7 @@ from mebo_grasp.optimization.acquisition.unscented import (
 )
 from mebo_grasp.optimization.input_noise import InputNoise
 from mebo_grasp.optimization.search_space import SearchSpace
-from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess
+from mebo_grasp.optimization.surrogate.gaussian_process import GaussianProcess, Hyperparameters
 
 FULL = np.array([[4.0, 1.0, -0.5], [1.0, 2.0, 0.3], [-0.5, 0.3, 1.0]]) * 1e-4
 
@@ -43,10 +43,17 @@ def test_mean_of_a_quadratic_and_covariance_of_a_linear_function_are_exact(kappa
     assert sd == pytest.approx(np.sqrt(slope @ FULL @ slope))
 
 
-def test_fourth_moment_of_one_axis_is_exact_with_the_default_k():
-    transform = UnscentedTransform.of_covariance([[0.01]])
-    points = transform.points(np.array([[0.5]]))[:, 0] - 0.5
+@pytest.mark.parametrize(("dim", "kappa"), [(1, 2.0), (2, None), (3, None)])
+def test_fourth_moment_of_one_axis_is_exact_with_three_less_d(dim, kappa):
+    transform = UnscentedTransform.of_covariance(0.01 * np.eye(dim), kappa)
+    points = transform.points(np.full((1, dim), 0.5))[:, 0] - 0.5
     assert transform.mean(points**4)[0] == pytest.approx(3.0 * 0.01**2)
+
+
+@pytest.mark.parametrize(("dim", "centre"), [(1, 1 / 2), (2, 1 / 3), (3, 0.0), (6, 0.0)])
+def test_the_point_itself_has_at_most_half_of_the_weight_by_default(dim, centre):
+    transform = UnscentedTransform.of_covariance(np.eye(dim))
+    assert transform.weights == pytest.approx([centre, *[(1.0 - centre) / (2 * dim)] * (2 * dim)])
 
 
 def test_sigma_points_are_2d_plus_1_in_the_paper_s_places():
@@ -136,9 +143,9 @@ def test_the_broad_summit_is_the_incumbent_where_the_narrow_one_is_higher():
         return np.exp(-(((x - 0.3) / 0.15) ** 2)) + 1.4 * np.exp(-(((x - 0.8) / 0.01) ** 2))
 
     U = np.linspace(0.0, 1.0, 101)[:, None]
-    model = GaussianProcess.fit(U, truth(U))
+    model = GaussianProcess.fit(U, truth(U), Hyperparameters(np.log([0.02, 1.0]), np.log(1e-6)))
     expected, sd, worst = unscented_outcomes(model.predict_mean, U, UnscentedTransform.of_covariance([[0.02**2]]))
-    assert U[np.argmax(truth(U)), 0] == pytest.approx(0.8)
+    assert U[np.argmax(model.predict_mean(U)), 0] == pytest.approx(0.8)
     best = int(np.argmax(expected))
     assert U[best, 0] == pytest.approx(0.3, abs=0.02)
     assert sd[best] < 0.1 < sd[80]
