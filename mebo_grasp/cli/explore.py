@@ -17,16 +17,14 @@ from mebo_grasp.cli.explored_nodes import NODES, check_continues, node_parameter
 from mebo_grasp.cli.report import ProgressLine
 from mebo_grasp.cli.run_folder import DATABASE, PAGE, PICTURE, RUN_LOG
 from mebo_grasp.cli.scene_options import add_scene_arguments, add_trial_arguments, trial_settings
+from mebo_grasp.cli.search_box import add_space_arguments, describe, searched_space
 from mebo_grasp.cli.stopping import stop_at_signals
 from mebo_grasp.errors import InvalidSettingsError, MeboGraspError
-from mebo_grasp.grasping.facet_space import FACETS
 from mebo_grasp.grasping.hand_model import ALL_HAND_NAMES, HandModel
 from mebo_grasp.grasping.rendering import render_grasps
-from mebo_grasp.grasping.synergies import hand_synergies
 from mebo_grasp.grasping.target_object import BUILTIN_OBJECTS, TargetObject
 from mebo_grasp.nodes.domain import private_domain
 from mebo_grasp.nodes.exploration_client import ExplorationClient, Standing
-from mebo_grasp.nodes.exploration_plan import SPACES
 from mebo_grasp.nodes.processes import NodeGroup, NodeProcess
 from mebo_grasp.optimization.methods.base import (
     KERNEL_NAMES,
@@ -58,11 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     _add_surrogate_options(parser)
     _add_noise_options(parser)
-    parser.add_argument("--space", default="position", choices=sorted(SPACES), help="search space (default: position)")
-    parser.add_argument("--facet", default="+y", choices=FACETS, help="in space facet: what the hand faces (+y)")
-    parser.add_argument(
-        "--synergies", type=int, default=2, help="in space pose_posture: amplitudes searched (default: 2)"
-    )
+    add_space_arguments(parser)
     parser.add_argument("--budget", type=int, default=250, help="number of trials (default: 250)")
     parser.add_argument("--initial", type=int, default=25, help="of these, initial design (default: 25)")
     parser.add_argument("--seed", type=int, default=1, help="seed of the random generator (default: 1)")
@@ -111,7 +105,8 @@ def run(options: argparse.Namespace) -> int:
     target = TargetObject.load(options.object, options.scale, options.concave)
     hand = HandModel.load(options.hand)
     trial_settings(options)
-    _check(options, hand)
+    _check(options)
+    space = searched_space(options, target, hand)
     options.object = name_from_anywhere(options.object, BUILTIN_OBJECTS)
     options.hand = name_from_anywhere(options.hand, ALL_HAND_NAMES)
     directory = _make_directory(options, target.object_id)
@@ -124,9 +119,10 @@ def run(options: argparse.Namespace) -> int:
     ):
         if options.restart:
             _delete_run(directory)
-        parameters = node_parameters(options, directory)
+        parameters = node_parameters(options, directory, space)
         raised_from = check_continues(directory, parameters)
         print(f"exploring '{target.object_id}' (ROS_DOMAIN_ID={domain_id}, this machine only)")
+        print(f"search space {options.space}: {describe(space)}")
         print(f"the run is kept in {directory}")
         if raised_from is not None:
             print(f"its budget is raised from {raised_from} to {options.budget} trials")
@@ -146,19 +142,13 @@ def name_from_anywhere(name: str, built_in: Sequence[str]) -> str:
     return str(Path(name).resolve()) if name not in built_in and Path(name).is_file() else name
 
 
-def _check(options: argparse.Namespace, hand: HandModel) -> None:
+def _check(options: argparse.Namespace) -> None:
     """Refuse what the nodes would refuse, before they are started and a folder is made."""
     for name, least in (("budget", 1), ("initial", 1), ("seed", 0), ("size", 1), ("min_distance", 0.0)):
         value = getattr(options, name)
         if not (value >= least and math.isfinite(value)):
             option = name.replace("_", "-")
             raise InvalidSettingsError(f"--{option} must be a finite number of at least {least}, got {value}")
-    if options.space == "pose_posture":
-        most = hand_synergies(hand).count
-        if not 1 <= options.synergies <= most:
-            raise InvalidSettingsError(
-                f"--synergies is {options.synergies}; hand '{hand.name}' has 1 to {most} to choose from"
-            )
     if options.method not in METHOD_NAMES:
         raise InvalidSettingsError(f"--method is '{options.method}', known are {', '.join(METHOD_NAMES)}")
     chosen = MethodSettings(

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mebo_grasp.cli.run_folder import DATABASE, RUN_LOG, node_parameters_of
 from mebo_grasp.errors import InvalidSettingsError
+from mebo_grasp.grasping.candidate_space import CandidateSpace
 
 NODES = ("solution_set_node", "hand_node", "optimizer_node")
 """In the order in which they are started."""
@@ -25,6 +26,8 @@ HAND_OPTIONS = {
 """Parameters of the hand node that say what a trial is, and the option of each."""
 OPTIMIZER_OPTIONS = {
     "space": "space",
+    "facet": "facet",
+    "synergies": "synergies",
     "method": "method",
     "kernel": "kernel",
     "warp": "warp",
@@ -40,9 +43,13 @@ OPTIMIZER_OPTIONS = {
     "min_distance": "min-distance",
 }
 """Parameters of the optimizer node with which a run log must be continued, and the option of each."""
+BOUNDS = ("lower_bounds", "upper_bounds")
+"""They too, but they follow from the object, the hand and the space where ``--bounds`` does not give them."""
 
 
-def node_parameters(options: argparse.Namespace, directory: Path) -> dict[str, dict[str, object]]:
+def node_parameters(
+    options: argparse.Namespace, directory: Path, space: CandidateSpace
+) -> dict[str, dict[str, object]]:
     """Parameters of each of ``NODES``."""
     trial = {parameter: getattr(options, option) for parameter, option in HAND_OPTIONS.items()}
     solutions = {"size": options.size, "min_distance": options.min_distance}
@@ -61,6 +68,8 @@ def node_parameters(options: argparse.Namespace, directory: Path) -> dict[str, d
             "space": options.space,
             "facet": options.facet,
             "synergies": options.synergies,
+            "lower_bounds": space.lower.tolist(),
+            "upper_bounds": space.upper.tolist(),
             "method": options.method,
             "kernel": options.kernel,
             "warp": options.warp,
@@ -120,9 +129,16 @@ def check_continues(directory: Path, parameters: Mapping[str, Mapping[str, objec
             for name, option in options.items()
             if name in before and before[name] != now[name]
         ]
+        if not changed and _box(before) not in ((), _box(now)):
+            changed = [f"--bounds {_box(before)}, not {_box(now)}"]
     if changed:
         raise InvalidSettingsError(
             f"the run in {directory} was made with {' and '.join(changed)}: give the same, name another folder by "
             "--out, or give --restart to begin anew"
         )
     return raised_from
+
+
+def _box(parameters: Mapping[str, object]) -> tuple[object, ...]:
+    """The bounds among a node's parameters; none in a file of an older version."""
+    return tuple(parameters[name] for name in BOUNDS if name in parameters)

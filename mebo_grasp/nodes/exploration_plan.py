@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from mebo_grasp.errors import InvalidSettingsError, RunLogError
+from mebo_grasp.errors import RunLogError
 from mebo_grasp.grasp import FloatArray, HandPosture, Pose
-from mebo_grasp.grasping.facet_space import FacetSpace, facet_space
+from mebo_grasp.grasping.candidate_space import CandidateSpace, candidate_space
 from mebo_grasp.grasping.hand_model import HandModel
-from mebo_grasp.grasping.pose_space import PoseSpace, distance_weights, pose_space_6d, position_space
-from mebo_grasp.grasping.posture_space import PosturePoseSpace, pose_posture_space
+from mebo_grasp.grasping.pose_space import distance_weights
+from mebo_grasp.grasping.posture_space import PosturePoseSpace
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.nodes.settings import OptimizerNodeSettings
 from mebo_grasp.optimization.input_noise import InputNoise
@@ -26,8 +28,6 @@ from mebo_grasp.optimization.search_space import SearchSpace
 SAME_POSE = 1e-6
 """Largest difference, metres and radians, at which two poses are the same, seen through a message."""
 
-SPACES = ("position", "pose", "pose_posture", "facet")
-
 
 @dataclass(frozen=True)
 class ExplorationPlan:
@@ -35,12 +35,14 @@ class ExplorationPlan:
 
     Args:
         object_id: name of the object, and of the frame of every pose.
+        hand_name: name of the hand.
         pose_space: maps points of the search space to TCP poses.
         settings: the node's parameters.
     """
 
     object_id: str
-    pose_space: PoseSpace | FacetSpace | PosturePoseSpace
+    hand_name: str
+    pose_space: CandidateSpace
     settings: OptimizerNodeSettings
 
     @cached_property
@@ -103,20 +105,31 @@ class ExplorationPlan:
         path = Path(self.settings.run_log)
         if path.exists() and path.stat().st_size > 0:
             logged = LoggedOptimizer.resume(path)
-            self._check_same_run(logged.optimizer, RunLog.seed_of(path))
+            self._check_same_run(logged.optimizer, RunLog.header_of(path))
             logged.raise_budget(self.settings.budget)
             return logged
         # A process killed while it created the file leaves an empty one: there is nothing to resume.
         path.unlink(missing_ok=True)
         path.parent.mkdir(parents=True, exist_ok=True)
-        return LoggedOptimizer.create(path, self.search_space, method, self.optimizer_settings, seed)
+        space, settings = self.search_space, self.optimizer_settings
+        return LoggedOptimizer.create(path, space, method, settings, seed, about=self._scene)
 
-    def _check_same_run(self, optimizer: Optimizer, seed: int | None) -> None:
-        seed = self.settings.seed if seed is None else seed
-        logged = _identity(seed, optimizer.method.name, optimizer.settings, optimizer.space)
-        asked = _identity(self.settings.seed, self.settings.method, self.optimizer_settings, self.search_space)
+    @property
+    def _scene(self) -> dict[str, object]:
+        """What makes other poses, or other qualities, of the same points of the search space."""
+        scene: dict[str, object] = {"object": self.object_id, "hand": self.hand_name}
+        return {**scene, "facet": self.settings.facet} if self.settings.space == "facet" else scene
+
+    def _check_same_run(self, optimizer: Optimizer, header: Mapping[str, Any]) -> None:
+        seed = self.settings.seed if header.get("seed") is None else header["seed"]
+        scene = header.get("about", self._scene)  # a log of before it was told
+        logged = {**scene, **_identity(seed, optimizer.method.name, optimizer.settings, optimizer.space)}
+        own = _identity(self.settings.seed, self.settings.method, self.optimizer_settings, self.search_space)
+        asked = {**self._scene, **own}
         differences = [
-            f"{name} ({value} in the log, {asked[name]} now)" for name, value in logged.items() if value != asked[name]
+            f"{name} ({value} in the log, {asked.get(name)} now)"
+            for name, value in logged.items()
+            if value != asked.get(name)
         ]
         if differences:
             raise RunLogError(
@@ -179,14 +192,6 @@ def make_plan(settings: OptimizerNodeSettings) -> ExplorationPlan:
     """
     target = TargetObject.load(settings.object, settings.object_scale)
     hand = HandModel.load(settings.hand)
-    if settings.space not in SPACES:
-        raise InvalidSettingsError(f"space is '{settings.space}', known are {', '.join(SPACES)}")
     bounds = settings.lower_bounds or None, settings.upper_bounds or None
-    pose_space: PoseSpace | FacetSpace | PosturePoseSpace
-    if settings.space == "facet":
-        pose_space = facet_space(target, hand, *bounds, facet=settings.facet)
-    elif settings.space == "pose_posture":
-        pose_space = pose_posture_space(target, hand, *bounds, synergies=settings.synergies)
-    else:
-        pose_space = (position_space if settings.space == "position" else pose_space_6d)(target, hand, *bounds)
-    return ExplorationPlan(target.object_id, pose_space, settings)
+    pose_space = candidate_space(settings.space, target, hand, *bounds, settings.facet, settings.synergies)
+    return ExplorationPlan(target.object_id, hand.name, pose_space, settings)

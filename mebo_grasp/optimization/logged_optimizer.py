@@ -8,7 +8,7 @@ failure, foreign observation and raise of the budget adds a line of its own.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, fields
 from typing import Any
 
@@ -69,8 +69,9 @@ class LoggedOptimizer:
         method: str = DEFAULT_METHOD,
         settings: OptimizerSettings | None = None,
         rng: np.random.Generator | int = 0,
+        about: Mapping[str, Any] | None = None,
     ) -> LoggedOptimizer:
-        """Start a run with a new log.
+        """Start a run with a new log, whose header also says what is given as ``about``, JSON.
 
         Raises:
             RunLogError: the file exists already or cannot be written.
@@ -92,6 +93,8 @@ class LoggedOptimizer:
             "seed": None if isinstance(rng, np.random.Generator) else int(rng),
             "rng": rng_state,
         }
+        if about is not None:
+            header["about"] = dict(about)
         return cls(optimizer, RunLog.create(path, header))
 
     @classmethod

@@ -108,8 +108,8 @@ class RunLog:
         return _records(_complete_lines(_read(target)), target)
 
     @staticmethod
-    def seed_of(path: str | os.PathLike[str]) -> int | None:
-        """Read the seed of a run; None when it was begun with a generator.
+    def header_of(path: str | os.PathLike[str]) -> dict[str, Any]:
+        """Read what a run was begun with.
 
         Raises:
             RunLogError: the file is absent, or its first line is no record.
@@ -117,10 +117,9 @@ class RunLog:
         target = Path(path)
         try:
             with target.open("rb") as stream:
-                seed: int | None = _record(stream.readline(), 0, target).get("seed")
+                return _record(stream.readline(), 0, target)
         except OSError as error:
             raise RunLogError(f"cannot read the run log {target}: {error}") from error
-        return seed
 
     def write(self, record: dict[str, Any]) -> None:
         """Append one record and hand it to the operating system.

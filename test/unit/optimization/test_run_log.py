@@ -168,7 +168,7 @@ def test_failure_reasons_are_kept(tmp_path):
 def test_the_seed_is_kept_where_there_is_one(tmp_path, rng, seed):
     path = tmp_path / "run.jsonl"
     LoggedOptimizer.create(path, SPACE, "random", OptimizerSettings(budget=9, n_initial=3), rng).close()
-    assert RunLog.seed_of(path) == seed
+    assert RunLog.header_of(path)["seed"] == seed
 
 
 @pytest.mark.parametrize("value", [np.nan, object()])
