@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import os
 import re
 import signal
@@ -71,6 +72,23 @@ def test_explore_judges_by_the_metric_chosen_and_does_not_mix_metrics_in_a_folde
     refused = run(*arguments, "--metric", "epsilon")
     assert refused.returncode == 2
     assert "--metric simox_epsilon, not epsilon" in refused.stderr
+
+
+@pytest.mark.nodes
+def test_explore_stays_within_the_bounds_that_are_given(tmp_path: Path) -> None:
+    arguments = ["explore", "--budget", "24", "--initial", "12", "--out", str(tmp_path / "run")]
+    done = run(*arguments, "--bounds", "z=0.01:0.03")
+    assert done.returncode == 0, done.stderr
+    assert "z 0.010 to 0.030 m" in done.stdout
+    assert run("export", tmp_path / "run", tmp_path / "trials.csv").returncode == 0
+    with (tmp_path / "trials.csv").open(newline="") as stream:
+        heights = [float(trial["pz"]) for trial in csv.DictReader(stream)]
+    assert len(heights) == 24
+    assert all(0.01 <= height <= 0.03 for height in heights)
+
+    refused = run(*arguments)
+    assert refused.returncode == 2
+    assert "was made with --bounds" in refused.stderr
 
 
 @pytest.mark.nodes
@@ -147,6 +165,7 @@ def test_ctrl_c_before_the_solution_set_node_is_up_loses_no_trial(tmp_path: Path
         (["explore", "--budget", "0"], "budget"),
         (["explore", "--kernel", "evidence", "--learning", "mcmc"], "leave these at their defaults"),
         (["explore", "--hand", "claw"], "claw"),
+        (["explore", "--bounds", "z=1"], "NAME=LOW:HIGH"),
         (["show", "no/such/folder"], "no/such/folder"),
         (["dance"], "dance"),
         ([], "COMMAND"),
