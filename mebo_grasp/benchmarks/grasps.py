@@ -27,8 +27,9 @@ from pathlib import Path
 import numpy as np
 
 from mebo_grasp.grasp import FloatArray
+from mebo_grasp.grasping.candidate_space import CandidateSpace, candidate_space
 from mebo_grasp.grasping.hand_model import HandModel
-from mebo_grasp.grasping.pose_space import PoseSpace, distance_weights, pose_space_6d, position_space
+from mebo_grasp.grasping.pose_space import distance_weights
 from mebo_grasp.grasping.simulator import GraspSimulator
 from mebo_grasp.grasping.target_object import BUILTIN_OBJECTS, TargetObject
 from mebo_grasp.grasping.trial import TrialSettings
@@ -98,7 +99,7 @@ class Scene:
 
     target: TargetObject
     hand: HandModel
-    poses: PoseSpace
+    poses: CandidateSpace
     settings: TrialSettings
     occluded: tuple[float, float] | None = None
 
@@ -109,13 +110,12 @@ class Scene:
         Raises:
             MeboGraspError: the object cannot be loaded.
         """
-        build = position_space if space == "position" else pose_space_6d
         if name != SIMOX_BOTTLE:
             target = TargetObject.builtin(name)
-            return cls(target, hand, build(target, hand), TrialSettings(compute_volume=False))
+            return cls(target, hand, candidate_space(space, target, hand), TrialSettings(compute_volume=False))
         target = TargetObject.from_file(SIMOX_MESH)
         settings = TrialSettings(quality="simox_epsilon", compute_volume=False)
-        return cls(target, hand, build(target, hand, *SIMOX_BOXES[space]), settings, SIMOX_OCCLUDED)
+        return cls(target, hand, candidate_space(space, target, hand, *SIMOX_BOXES[space]), settings, SIMOX_OCCLUDED)
 
     @property
     def search_space(self) -> SearchSpace:

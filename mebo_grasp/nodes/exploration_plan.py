@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -22,7 +20,6 @@ from mebo_grasp.nodes.settings import OptimizerNodeSettings
 from mebo_grasp.optimization.input_noise import InputNoise
 from mebo_grasp.optimization.logged_optimizer import LoggedOptimizer
 from mebo_grasp.optimization.optimizer import Optimizer, OptimizerSettings
-from mebo_grasp.optimization.run_log import RunLog
 from mebo_grasp.optimization.search_space import SearchSpace
 
 SAME_POSE = 1e-6
@@ -105,8 +102,12 @@ class ExplorationPlan:
         path = Path(self.settings.run_log)
         if path.exists() and path.stat().st_size > 0:
             logged = LoggedOptimizer.resume(path)
-            self._check_same_run(logged.optimizer, RunLog.header_of(path))
-            logged.raise_budget(self.settings.budget)
+            try:
+                self._check_same_run(logged)
+                logged.raise_budget(self.settings.budget)
+            except BaseException:
+                logged.close()
+                raise
             return logged
         # A process killed while it created the file leaves an empty one: there is nothing to resume.
         path.unlink(missing_ok=True)
@@ -120,15 +121,17 @@ class ExplorationPlan:
         scene: dict[str, object] = {"object": self.object_id, "hand": self.hand_name}
         return {**scene, "facet": self.settings.facet} if self.settings.space == "facet" else scene
 
-    def _check_same_run(self, optimizer: Optimizer, header: Mapping[str, Any]) -> None:
-        seed = self.settings.seed if header.get("seed") is None else header["seed"]
-        scene = header.get("about", self._scene)  # a log of before it was told
-        logged = {**scene, **_identity(seed, optimizer.method.name, optimizer.settings, optimizer.space)}
+    def _check_same_run(self, logged: LoggedOptimizer) -> None:
+        optimizer = logged.optimizer
+        seed = self.settings.seed if logged.seed is None else logged.seed
+        # Logs of older versions do not say what they are about.
+        scene = self._scene if logged.about is None else logged.about
+        begun = {**scene, **_identity(seed, optimizer.method.name, optimizer.settings, optimizer.space)}
         own = _identity(self.settings.seed, self.settings.method, self.optimizer_settings, self.search_space)
         asked = {**self._scene, **own}
         differences = [
             f"{name} ({value} in the log, {asked.get(name)} now)"
-            for name, value in logged.items()
+            for name, value in begun.items()
             if value != asked.get(name)
         ]
         if differences:

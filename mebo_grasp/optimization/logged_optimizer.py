@@ -55,11 +55,13 @@ class LoggedOptimizer:
     Args:
         optimizer: the state machine.
         log: where its steps go.
+        header: what the run was begun with, as the log's first line says it.
     """
 
-    def __init__(self, optimizer: Optimizer, log: RunLog) -> None:
+    def __init__(self, optimizer: Optimizer, log: RunLog, header: Mapping[str, Any]) -> None:
         self.optimizer = optimizer
         self.log = log
+        self._header = header
 
     @classmethod
     def create(
@@ -95,7 +97,7 @@ class LoggedOptimizer:
         }
         if about is not None:
             header["about"] = dict(about)
-        return cls(optimizer, RunLog.create(path, header))
+        return cls(optimizer, RunLog.create(path, header), header)
 
     @classmethod
     def resume(cls, path: str | os.PathLike[str]) -> LoggedOptimizer:
@@ -106,7 +108,7 @@ class LoggedOptimizer:
         """
         log, records = RunLog.reopen(path)
         try:
-            return cls(_rebuilt(records, path), log)
+            return cls(_rebuilt(records, path), log, records[0])
         except BaseException:
             log.close()
             raise
@@ -183,6 +185,18 @@ class LoggedOptimizer:
         """Open trials in the order of asking."""
         return self.optimizer.pending
 
+    @property
+    def seed(self) -> int | None:
+        """The seed that the run was begun with; None when it was a generator."""
+        seed: int | None = self._header.get("seed")
+        return seed
+
+    @property
+    def about(self) -> dict[str, Any] | None:
+        """What the run was said to be about when it was begun."""
+        about: dict[str, Any] | None = self._header.get("about")
+        return about
+
     def close(self) -> None:
         """Close the log."""
         self.log.close()
@@ -221,6 +235,8 @@ def _from_header(header: dict[str, Any]) -> Optimizer:
     unknown = set(header["settings"]) - names
     if unknown:
         raise RunLogError(f"the run log has settings that this version does not know: {sorted(unknown)}")
+    if not isinstance(header.get("about", {}), dict):
+        raise RunLogError(f"what the run log is about must be named values, got {header['about']!r}")
     space = SearchSpace(
         tuple(header["space"]["names"]),
         header["space"]["lower"],

@@ -107,20 +107,6 @@ class RunLog:
         target = Path(path)
         return _records(_complete_lines(_read(target)), target)
 
-    @staticmethod
-    def header_of(path: str | os.PathLike[str]) -> dict[str, Any]:
-        """Read what a run was begun with.
-
-        Raises:
-            RunLogError: the file is absent, or its first line is no record.
-        """
-        target = Path(path)
-        try:
-            with target.open("rb") as stream:
-                return _record(stream.readline(), 0, target)
-        except OSError as error:
-            raise RunLogError(f"cannot read the run log {target}: {error}") from error
-
     def write(self, record: dict[str, Any]) -> None:
         """Append one record and hand it to the operating system.
 

@@ -29,8 +29,9 @@ from mebo_grasp.experiments.objectives.thesis_scenes import (
     ThesisScene,
 )
 from mebo_grasp.grasp import FloatArray, Grasp
+from mebo_grasp.grasping.candidate_space import CandidateSpace, candidate_space
 from mebo_grasp.grasping.hand_model import HandModel
-from mebo_grasp.grasping.pose_space import PoseSpace, distance_weights, pose_space_6d, position_space
+from mebo_grasp.grasping.pose_space import distance_weights
 from mebo_grasp.grasping.simulator import GraspSimulator
 from mebo_grasp.grasping.target_object import TargetObject
 from mebo_grasp.grasping.trial import ENGINE_NAMES, QUALITY_NAMES, EngineName, QualityName, TrialSettings
@@ -187,12 +188,11 @@ class _Bench:
         return self.grasp(x).quality
 
 
-def _pose_space(objective: GraspObjective, target: TargetObject, hand: HandModel) -> PoseSpace:
-    build = position_space if objective.space == "position" else pose_space_6d
+def _pose_space(objective: GraspObjective, target: TargetObject, hand: HandModel) -> CandidateSpace:
     scene = objective.thesis_scene
     if objective.bounds != "thesis" or scene is None:
-        return build(target, hand)
-    return build(target, hand, *scene.bounds(objective.space, target.bounds.mean(axis=0)))
+        return candidate_space(objective.space, target, hand)
+    return candidate_space(objective.space, target, hand, *scene.bounds(objective.space, target.bounds.mean(axis=0)))
 
 
 @lru_cache(maxsize=1)

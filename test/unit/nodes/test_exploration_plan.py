@@ -47,6 +47,7 @@ def test_a_run_log_is_not_resumed_where_its_points_are_other_grasps(
         opened.close()
     with pytest.raises(RunLogError, match=f"belongs to a run with another {named} "):
         make_plan(replace(begun, **change)).open_optimizer()
+    LoggedOptimizer.resume(begun.run_log).close()
 
 
 def test_a_run_log_that_does_not_tell_its_object_is_resumed(tmp_path: Path) -> None:

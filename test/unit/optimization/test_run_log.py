@@ -167,8 +167,24 @@ def test_failure_reasons_are_kept(tmp_path):
 @pytest.mark.parametrize(("rng", "seed"), [(7, 7), (np.int64(7), 7), (np.random.default_rng(7), None)])
 def test_the_seed_is_kept_where_there_is_one(tmp_path, rng, seed):
     path = tmp_path / "run.jsonl"
-    LoggedOptimizer.create(path, SPACE, "random", OptimizerSettings(budget=9, n_initial=3), rng).close()
-    assert RunLog.header_of(path)["seed"] == seed
+    begun = LoggedOptimizer.create(path, SPACE, "random", OptimizerSettings(budget=9, n_initial=3), rng)
+    begun.close()
+    resumed = LoggedOptimizer.resume(path)
+    assert begun.seed == resumed.seed == seed
+    assert begun.about is resumed.about is None
+
+
+def test_what_a_run_is_about_is_kept(tmp_path):
+    path, about = tmp_path / "run.jsonl", {"object": "bottle", "facet": "+y"}
+    settings = OptimizerSettings(budget=9, n_initial=3)
+    begun = LoggedOptimizer.create(path, SPACE, "random", settings, 3, about)
+    begun.close()
+    resumed = LoggedOptimizer.resume(path)
+    resumed.close()
+    assert begun.about == resumed.about == about
+    path.write_text(path.read_text().replace('{"object": "bottle", "facet": "+y"}', '["bottle"]'))
+    with pytest.raises(RunLogError, match="what the run log is about must be named values, got \\['bottle'\\]"):
+        LoggedOptimizer.resume(path)
 
 
 @pytest.mark.parametrize("value", [np.nan, object()])
