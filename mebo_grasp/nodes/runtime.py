@@ -150,6 +150,15 @@ def end_with_parent() -> None:
         sys.exit()
 
 
+class NodeExecutor(SingleThreadedExecutor):
+    """rclpy's own, made so that a context which ends meanwhile leaves no complaint.
+
+    Its finalizer asks for what a constructor that was cut short has not set.
+    """
+
+    _sigint_gc = None
+
+
 def run_node(make_node: Callable[[], Node]) -> None:
     """Run one node until it is told to stop; the body of every node's ``main``.
 
@@ -169,7 +178,7 @@ def run_node(make_node: Callable[[], Node]) -> None:
     node: Node | None = None
     try:
         node = make_node()
-        executor = SingleThreadedExecutor()
+        executor = NodeExecutor()
         executor.add_node(node)
         forget_garbage()
         # spin() without a limit can miss the wake-up of a signal on a busy machine and then waits for ever.

@@ -41,3 +41,21 @@ def test_ctrl_c_while_a_node_is_imported_ends_it_quietly(node: str) -> None:
     code = SIGNALLED_WHILE_IMPORTED.replace("NODE", node)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=WAIT, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+STOPPED_WHILE_READY = """
+import rclpy
+from rclpy.node import Node
+from mebo_grasp.nodes.runtime import run_node
+def make():
+    node = Node("early")
+    rclpy.shutdown()
+    return node
+run_node(make)
+"""
+
+
+def test_a_signal_between_a_node_and_its_executor_ends_it_quietly() -> None:
+    command = [sys.executable, "-c", STOPPED_WHILE_READY]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=WAIT, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
